@@ -1,0 +1,162 @@
+"""Meshes of a plane section bounded by circles: triangulated tissue, and a vein filled ring by ring."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from netgen.geom2d import SplineGeometry
+from numpy.typing import NDArray
+
+Points = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+LARGEST_FAN = 16
+"""Most triangles that meet in the centre of the lumen."""
+
+GROWTH = 0.8
+"""How fast elements may grow with the distance from small ones (Netgen's grading, 0 to 1)."""
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A named circle of the section: centre and radius in metres."""
+
+    name: str
+    x: float
+    y: float
+    radius: float
+
+    def points(self, angles: Points) -> Points:
+        """Return the points at the angles [rad], shape (n, 2)."""
+        return np.array([self.x, self.y]) + self.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+    def angles(self, points: Points) -> Points:
+        """Return the angle [rad] of each point as seen from the centre."""
+        return np.asarray(np.arctan2(points[:, 1] - self.y, points[:, 0] - self.x))
+
+    def holds(self, points: Points) -> NDArray[np.bool_]:
+        """Return which points lie in or on the circle."""
+        return np.asarray(np.hypot(points[:, 0] - self.x, points[:, 1] - self.y) < self.radius * (1 + 1e-9))
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The section's nodes on a circle in counter-clockwise order, and the materials on its two sides (None: hole)."""
+
+    circle: Circle
+    nodes: Indices
+    inside: str | None
+    outside: str | None
+
+
+@dataclass(frozen=True)
+class SectionMesh:
+    """A meshed section.
+
+    Attributes:
+        points: shape (n, 2) [m].
+        cells: pairs of material and counter-clockwise triangles (m, 3) or quadrilaterals (m, 4).
+        rings: the circles, from the skin inwards.
+    """
+
+    points: Points
+    cells: list[tuple[str, Indices]]
+    rings: list[Ring]
+
+
+def even_angles(segments: int) -> Points:
+    """Return the angles of equally spaced nodes, none of them (nor a midpoint) at pi, where arctan2 jumps."""
+    return 2 * np.pi * (np.arange(segments) + 0.25) / segments
+
+
+def triangulate(material: str, loops: Sequence[tuple[Circle, Points]], size: float) -> SectionMesh:
+    """Triangulate the disc of the last circle without the others; each circle comes with the angles of its nodes.
+
+    Where Netgen adds a node to a circle it is moved onto it. Lengths are scaled by the disc's radius before meshing,
+    since the mesher compares lengths with absolute tolerances.
+    """
+    scale = loops[-1][0].radius
+    plane = SplineGeometry()
+    for circle, angles in loops:
+        corners = circle.points(angles) / scale
+        ids = [plane.AppendPoint(*corner) for corner in corners]
+        sides = (1, 0) if circle is loops[-1][0] else (0, 1)
+        for k, begin in enumerate(ids):
+            after = (k + 1) % len(ids)
+            maxh = 1.2 * float(np.linalg.norm(corners[after] - corners[k]))
+            plane.Append(["line", begin, ids[after]], leftdomain=sides[0], rightdomain=sides[1], maxh=maxh)
+    mesh = plane.GenerateMesh(maxh=size / scale, grading=GROWTH)
+    points = np.array([point.p[:2] for point in mesh.Points()]) * scale
+    triangles = np.array([[v.nr - 1 for v in t.vertices] for t in mesh.Elements2D()], dtype=np.int32)
+    rim = np.unique([v.nr - 1 for edge in mesh.Elements1D() for v in edge.vertices]).astype(np.int32)
+    rings: list[Ring] = []
+    for circle, _ in loops:
+        mine = circle.holds(points[rim])
+        nodes, rim = rim[mine], rim[~mine]
+        angles = circle.angles(points[nodes])
+        points[nodes] = circle.points(angles)
+        sides_of = (material, None) if circle is loops[-1][0] else (None, material)
+        rings.insert(0, Ring(circle, nodes[np.argsort(angles)], *sides_of))
+    return SectionMesh(points, [(material, counter_clockwise(points, triangles))], rings)
+
+
+def counter_clockwise(points: Points, triangles: Indices) -> Indices:
+    """Return the triangles with positive orientation."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+    return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
+
+
+def fill_vein(tissue: SectionMesh, layers: Sequence[tuple[Circle, str]], core: str, split: bool) -> SectionMesh:
+    """Fill the innermost hole of a section with concentric layers and a core.
+
+    Args:
+        tissue: its last ring is the outer wall of the vein.
+        layers: circles from outside inwards, each with the material between it and the circle before it.
+        core: material inside the last circle.
+        split: layers of triangles instead of quadrilaterals.
+    """
+    *rings, rim = tissue.rings
+    cells, points = list(tissue.cells), [tissue.points]
+    angles, count = rim.circle.angles(tissue.points[rim.nodes]), len(tissue.points)
+    circle, nodes, outside = rim.circle, rim.nodes, rim.outside
+    for inner, material in layers:
+        rings.append(Ring(circle, nodes, material, outside))
+        new = np.arange(count, count + len(nodes), dtype=np.int32)
+        points.append(inner.points(angles))
+        cells.append((material, annulus(nodes, new, split)))
+        circle, nodes, outside, count = inner, new, material, count + len(new)
+    rings.append(Ring(circle, nodes, core, outside))
+    core_points, core_triangles = fill_core(circle, nodes, angles, count)
+    return SectionMesh(np.vstack([*points, core_points]), [*cells, (core, core_triangles)], rings)
+
+
+def annulus(outer: Indices, inner: Indices, split: bool) -> Indices:
+    """Fill the annulus between two rings of equally many nodes; split: triangles with alternating diagonals."""
+    a, b, c, d = outer, np.roll(outer, -1), np.roll(inner, -1), inner
+    if not split:
+        return np.column_stack((a, b, c, d))
+    odd = (np.arange(len(outer)) % 2 == 1)[:, None]
+    first = np.where(odd, np.column_stack((a, b, c)), np.column_stack((a, b, d)))
+    second = np.where(odd, np.column_stack((a, c, d)), np.column_stack((b, c, d)))
+    return np.vstack((first, second))
+
+
+def fill_core(circle: Circle, nodes: Indices, angles: Points, count: int) -> tuple[Points, Indices]:
+    """Fill a disc by rings of half as many nodes each while there are many, then a fan around the centre.
+
+    Returns: new points, numbered from `count`, and triangles.
+    """
+    points, triangles = [], []
+    while len(nodes) > LARGEST_FAN and len(nodes) % 2 == 0:
+        circle, angles = replace(circle, radius=0.55 * circle.radius), angles[::2]
+        new = np.arange(count, count + len(angles), dtype=np.int32)
+        even, odd, after, following = nodes[::2], nodes[1::2], np.roll(nodes[::2], -1), np.roll(new, -1)
+        triangles += [np.column_stack(t) for t in ((even, odd, new), (odd, following, new), (odd, after, following))]
+        points.append(circle.points(angles))
+        nodes, count = new, count + len(new)
+    triangles.append(np.column_stack((nodes, np.roll(nodes, -1), np.full_like(nodes, count))))
+    points.append(np.array([[circle.x, circle.y]]))
+    return np.vstack(points), np.vstack(triangles)

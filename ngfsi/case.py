@@ -1,0 +1,165 @@
+"""Case: everything a run depends on, as numbers and strings; read from and written to TOML.
+
+Units stand in the keys (see section.py); `Case.from_toml` explains in one sentence what is wrong with a file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import tomli_w
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from ngfsi.builders import find_builder, path_of
+from ngfsi.complaint import key_error
+from ngfsi.curves import FlowConstant, FlowCurve, PressureConstant, PressureCurve
+from ngfsi.errors import CaseError, GeometryError
+from ngfsi.materials import FluidMaterial, SolidMaterial
+from ngfsi.section import Section
+from ngfsi.units import MMHG, Time
+
+
+def _build_geometry(value: Any, info: ValidationInfo) -> Any:
+    """Return the geometry that a table with the import path of its builder under `type` describes."""
+    if isinstance(value, Section) and hasattr(value, "netgen_mesh"):
+        return value
+    if not isinstance(value, dict):
+        text = 'a table with type = an import path such as "geometry.calf:CalfSegment"'
+        raise PydanticCustomError("table", "{text}", {"text": text})
+    if not isinstance(value.get("type"), str):
+        raise key_error("type", 'is missing: write an import path such as "geometry.calf:CalfSegment"')
+    try:
+        builder = find_builder(value["type"])
+    except GeometryError as error:
+        raise key_error("type", f"cannot be used: {error}") from None
+    return builder.model_validate({key: v for key, v in value.items() if key != "type"}, context=info.context)
+
+
+class Materials(Section):
+    """The material of each region."""
+
+    tissue: SolidMaterial
+    wall: SolidMaterial
+    fluid: FluidMaterial
+
+
+class Loads(Section):
+    """What acts from outside, over time."""
+
+    skin_pressure: PressureCurve
+    inlet_flow: FlowCurve = FlowConstant(value=2.913e-6)
+    """Flux of blood relative to the moving inlet; default: 1.12 times the flow of the study's subject 7."""
+    outlet_pressure: PressureCurve = PressureConstant(value=10 * MMHG)
+
+
+class Conditions(Section):
+    """Ends of the segment and state at the start."""
+
+    ends: Literal["roller", "clamped", "free"] = "roller"
+    initial_state: Literal["preload", "prestress"] = "preload"
+    """preload: the geometry is unloaded and the blood inflates it; prestress: it carries the blood pressure already."""
+
+
+class Discretisation(Section):
+    """Polynomial order and mesh motion."""
+
+    order: int = Field(default=2, ge=2, le=6)
+    """Order of displacement and velocity; the pressure is one lower."""
+    extension_stiffness: float = Field(default=1.0, gt=0)
+    """Factor on the equation of the mesh motion, without influence on the result."""
+
+
+class TimeStepping(Section):
+    """Time scheme and steps."""
+
+    scheme: Literal["bdf2", "backward_euler"] = "bdf2"
+    step: Time = Field(gt=0)
+    end: Time = Field(gt=0)
+    smallest_step: Time = Field(default_factory=lambda given: given["step"] / 64, gt=0)
+    """A step that fails is halved down to this; default: a 64th of the step."""
+
+    @model_validator(mode="after")
+    def _steps_fit(self) -> Self:
+        if self.step > self.end:
+            raise ValueError(f"the step of {self.step:g} s is longer than the run, which ends at {self.end:g} s")
+        if self.smallest_step > self.step:
+            raise ValueError(f"the smallest step of {self.smallest_step:g} s exceeds the step of {self.step:g} s")
+        return self
+
+
+class Solver(Section):
+    """Newton's method and its linear solver."""
+
+    tolerance: float = Field(default=1e-8, gt=0, lt=1)
+    """Largest relative change of any block of unknowns at convergence."""
+    max_iterations: int = Field(default=25, ge=1)
+    linear: Literal["auto", "pardiso", "umfpack"] = "auto"
+    """auto: pardiso where MKL is installed, else umfpack."""
+
+
+class Output(Section):
+    """What is written beside the time series."""
+
+    fields_every: int = Field(default=10, ge=0)
+    """Steps between two written fields; 0: first and last only."""
+
+
+class Case(Section):
+    """One run."""
+
+    name: str
+    geometry: Annotated[Any, BeforeValidator(_build_geometry)]
+    """A builder from the package `geometry`, a Section; what else it offers is the business of Domain."""
+    materials: Materials
+    loads: Loads
+    conditions: Conditions = Conditions()
+    discretisation: Discretisation = Discretisation()
+    time: TimeStepping
+    solver: Solver = Solver()
+    output: Output = Output()
+
+    @field_validator("name")
+    @classmethod
+    def _names_a_folder(cls, name: str) -> str:
+        if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
+            raise ValueError(f"'{name}' cannot name a folder: use letters, digits, '_', '-' and, but not first, '.'")
+        return name
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Self:
+        """Return the case in a TOML file.
+
+        Raises:
+            CaseError: the file cannot be read, is not TOML, or a key or value in it is refused.
+        """
+        try:
+            data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise CaseError(f"the case file '{path}' cannot be read: {error.strerror or error}") from None
+        except UnicodeDecodeError:
+            raise CaseError(f"the case file '{path}' is not text in UTF-8") from None
+        except tomllib.TOMLDecodeError as error:
+            raise CaseError(f"the case file '{path}' is not valid TOML: {error}") from None
+        return cls.from_dict(data, source=str(path))
+
+    def to_toml_dict(self) -> dict[str, Any]:
+        """Return plain tables, lists and scalars with SI keys, from which `from_dict` gives an equal case."""
+        written = super().to_toml_dict()
+        written["geometry"] = {"type": path_of(type(self.geometry)), **written["geometry"]}
+        return written
+
+    def to_toml(self) -> str:
+        """Return the text of a case file with every value resolved, from which `from_toml` gives an equal case."""
+        return tomli_w.dumps(self.to_toml_dict())
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the content without the name: equal for cases that must give equal results."""
+        content = {key: value for key, value in self.to_toml_dict().items() if key != "name"}
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,220 @@
+"""Command line: `ngfsi run`, `study`, `materials`, `info`, `export`.
+
+Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
+equations could not be solved, 130 interrupted, 1 an error of the program itself.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import tomllib
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Annotated, Any
+
+import typer
+
+from ngfsi.errors import CaseError, NgfsiError, OutputError, unknown
+
+INTERRUPTED = 130
+
+app = typer.Typer(
+    name="ngfsi",
+    help="High-order 3-D fluid-structure interaction of veins and soft tissue.",
+    epilog="Begin with: ngfsi study compare_tissues --level demo",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+class Level(StrEnum):
+    """How finely a study computes."""
+
+    demo = "demo"
+    paper = "paper"
+    fine = "fine"
+
+
+Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the results.", show_default=False)]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
+
+
+@app.command()
+def run(
+    case: Annotated[Path, typer.Argument(help="Case file in TOML.", metavar="CASE.toml")],
+    output: Output = None,
+    quiet: Quiet = False,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; may be given again."),
+    ] = None,
+) -> None:
+    """Compute a case.
+
+    The results go to runs/<name of the case>.
+
+    Keys of --set are those of the case file, with their units.
+
+    Example: ngfsi run calf.toml --set time.step_ms=10 --set 'materials.tissue={set="neo_hookean_likely"}'
+    """
+    from ngfsi.case import Case
+    from ngfsi.run import run as compute
+
+    chosen = Case.from_toml(case)
+    if changes:
+        chosen = chosen.replace(**dict(map(parse_change, changes)))
+    folder = output or Path("runs") / chosen.name
+    with _interruptible(folder):
+        compute(chosen, folder, quiet=quiet)
+    if not quiet:
+        typer.echo(
+            f"The results are in '{folder}': see them with `ngfsi info {folder}`, or {folder}/volume.pvd in ParaView"
+        )
+
+
+@app.command()
+def study(
+    name: Annotated[str, typer.Argument(help="Name of the study, e.g. compare_tissues.")],
+    level: Annotated[Level, typer.Option(help="How finely to compute: minutes, an hour, a day.")] = Level.demo,
+    output: Output = None,
+    quiet: Quiet = False,
+) -> None:
+    """Compute the cases of a study and report.
+
+    The results go to runs/<study>-<level>.
+
+    Runs that are finished are reused, so that an interrupted study goes on where it was.
+
+    Example: ngfsi study compare_tissues --level paper
+    """
+    compute = find_study(name)
+    folder = output or Path("runs") / f"{name}-{level.value}"
+    with _interruptible(folder):
+        report = compute(level.value, folder, quiet)
+    typer.echo(f"The report is in '{report}'")
+
+
+@app.command()
+def materials() -> None:
+    """List the parameter sets of materials.
+
+    Initial moduli, and what is odd about them.
+    """
+    from ngfsi.materials import table
+    from ngfsi.output import summary
+
+    summary.console().print(summary.materials(table()))
+
+
+@app.command()
+def info(
+    folder: Annotated[Path | None, typer.Argument(help="Folder of a run.", metavar="RUN", show_default=False)] = None,
+) -> None:
+    """Show a run, or this installation.
+
+    Of RUN: how it ended, mesh, timings, last values; without RUN: versions and solver.
+
+    Example: ngfsi info runs/calf
+    """
+    from ngfsi.output import open_run, summary
+
+    summary.console().print(summary.run_summary(open_run(folder)) if folder else summary.installation())
+
+
+@app.command()
+def export(
+    folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
+    time: Annotated[float, typer.Option(help="Time [s]; the fields stored nearest to it are taken.")],
+    fmt: Annotated[str, typer.Option("--format", "-f", help="xdmf, vtu, gmsh or abaqus (the mesh alone).")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write; default in RUN/export.", show_default=False)
+    ] = None,
+) -> None:
+    """Write the fields at one time for other programs.
+
+    The mesh is the deformed one.
+
+    Example: ngfsi export runs/calf --time 1.0 --format xdmf
+    """
+    from ngfsi.output import open_run
+    from ngfsi.output.export import export as write
+
+    path, found = write(open_run(folder), time, fmt, output)
+    typer.echo(f"The fields at {found:g} s are in '{path}'")
+
+
+def parse_change(text: str) -> tuple[str, Any]:
+    """Return key and value of `key=value`; a value that is not TOML is text.
+
+    Raises:
+        CaseError: there is no key or no value.
+    """
+    key, equals, value = text.partition("=")
+    if not key.strip() or not equals or not value.strip():
+        raise CaseError(f"--set {text} is not understood: write key=value, e.g. --set time.step_ms=10")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()
+
+
+def find_study(name: str) -> Any:
+    """Return the function `study` of the module of that name in the package `studies`.
+
+    Raises:
+        OutputError: there is no such study, or no clone around the engine to hold studies.
+    """
+    if find_spec("studies") is None:
+        raise OutputError("the studies are not installed: they work from a clone of the project, installed with pip -e")
+    package = import_module("studies")
+    modules = [info.name for info in iter_modules(package.__path__)]
+    if name in modules and (compute := getattr(import_module(f"studies.{name}"), "study", None)):
+        return compute
+    known = [module for module in modules if hasattr(import_module(f"studies.{module}"), "study")]
+    raise OutputError(unknown("study", name, known))
+
+
+@contextmanager
+def _interruptible(folder: Path) -> Iterator[None]:
+    """Turn Ctrl-C inside the block into a sentence about where the results so far lie."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        kept = f"; what was computed is in '{folder}'" if folder.exists() else ""
+        _say(f"interrupted{kept}")
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _say(sentence: str) -> None:
+    print(f"ngfsi: {sentence}", file=sys.stderr)
+
+
+def _unexpected(error: Exception) -> None:
+    with tempfile.NamedTemporaryFile("w", prefix="ngfsi-", suffix=".txt", delete=False, encoding="utf-8") as file:
+        traceback.print_exc(file=file)
+    _say(f"an error of the program itself, {type(error).__name__}: {error}; please report it with '{file.name}'")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point; always ends in SystemExit."""
+    try:
+        app(arguments)
+    except NgfsiError as error:
+        _say(str(error))
+        sys.exit(error.exit_code)
+    except Exception as error:
+        _unexpected(error)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,196 @@
+"""Domain: a curved mesh in metres whose region and boundary names are checked.
+
+NGSolve silently integrates over nothing when a name is misspelt; every name goes through `Domain`, which raises
+instead. Names are plain words (`[a-z][a-z0-9_]*`), never patterns.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, ClassVar, Protocol
+
+import ngsolve
+from ngsolve import BND, VOL, CoefficientFunction, GridFunction, Mesh, Projector, Region, VectorH1
+
+from ngfsi.errors import MeshError, RegionError, unknown
+from ngfsi.meshing import TIMEOUT, MeshReport, check_shape, generate, quiet
+
+LARGEST_VOLUME_ERROR = 0.01
+"""Relative; a mesh that lost its curvature has several times as much."""
+
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+class Geometry(Protocol):
+    """What `Domain` needs to know of a geometry; lengths in metres."""
+
+    solids: ClassVar[tuple[str, ...]]
+    fluid: ClassVar[str]
+
+    @property
+    def curving_order(self) -> int:
+        """Polynomial order of the curved elements."""
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        """Every boundary the mesh must have; on an edge between two the shape map follows the earlier one."""
+
+    @property
+    def internal_names(self) -> tuple[str, ...]:
+        """Boundaries inside one region that the mesh may have."""
+
+    def mesh_attempts(self) -> Sequence[str]:
+        """Return a description of each way to mesh, in the order to be tried."""
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:
+        """Return the straight Netgen mesh with names and geometry; may crash or hang."""
+
+    def shape_map(self) -> CoefficientFunction | None:
+        """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region of the reference shape."""
+
+
+class Domain:
+    """The reference shape: mesh, regions and boundaries.
+
+    Attributes:
+        mesh: curved NGSolve mesh in metres, moved by the geometry's shape map if it has one.
+        geometry: what was meshed.
+        report: how the mesh came about.
+    """
+
+    def __init__(self, mesh: Mesh, geometry: Geometry, report: MeshReport) -> None:
+        self.mesh = mesh
+        self.geometry = geometry
+        self.report = report
+        self._check_names()
+        self._shape = self._interpolate_shape_map()
+        self._quality = check_shape(mesh, self._shape)
+        if self._shape is not None:
+            mesh.SetDeformation(self._shape)
+        self._volume_errors = self._check_volumes()
+
+    @classmethod
+    def build(cls, geometry: Geometry, *, timeout: float = TIMEOUT, cache: bool = True) -> Domain:
+        """Mesh a geometry (in a guarded child process, or from the cache), curve it and check it.
+
+        Args:
+            timeout: seconds allowed for each attempt of the mesher.
+            cache: whether a mesh made earlier may be used and this one kept.
+
+        Raises:
+            MeshError: meshing failed in every way, or gave inverted elements or other names than promised.
+        """
+        straight, report = generate(geometry, timeout=timeout, cache=cache)
+        with quiet():
+            mesh = Mesh(straight)
+            mesh.Curve(geometry.curving_order)
+        return cls(mesh, geometry, report)
+
+    def materials(self, *names: str) -> Region:
+        """Return the union of regions; without names all of them."""
+        return self._region(VOL, "region", names)
+
+    def boundaries(self, *names: str) -> Region:
+        """Return the union of boundaries; without names all of them."""
+        return self._region(BND, "boundary", names)
+
+    def dx(self, *names: str, **options: Any) -> Any:
+        """Return the volume measure of regions; options as of `ngsolve.dx` (bonus_intorder, element_boundary, ...)."""
+        return ngsolve.dx(definedon=self.materials(*names), **options)
+
+    def ds(self, *names: str, **options: Any) -> Any:
+        """Return the surface measure of boundaries; options as of `ngsolve.ds`."""
+        return ngsolve.ds(definedon=self.boundaries(*names), **options)
+
+    def volume(self, *names: str) -> float:
+        """Return the volume [m3] of regions."""
+        return float(ngsolve.Integrate(CoefficientFunction(1.0) * self.dx(*names, bonus_intorder=8), self.mesh))
+
+    def area(self, *names: str) -> float:
+        """Return the area [m2] of boundaries."""
+        return float(ngsolve.Integrate(CoefficientFunction(1.0) * self.ds(*names, bonus_intorder=8), self.mesh))
+
+    def statistics(self) -> dict[str, Any]:
+        """Return facts for the record: elements by type and region, their quality, volume errors, how it was meshed."""
+        elements = list(self.mesh.Elements(VOL))
+        return {
+            "elements": self.mesh.ne,
+            "vertices": self.mesh.nv,
+            "elements_by_type": dict(Counter(element.type.name.lower() for element in elements)),
+            "elements_by_region": dict(Counter(element.mat for element in elements)),
+            "curving_order": self.geometry.curving_order,
+            "smallest_jacobian_ratio": self._quality,
+            "relative_volume_errors": self._volume_errors,
+            "way_of_meshing": self.report.way,
+            "warnings": list(self.report.warnings),
+            "meshing_seconds": self.report.seconds,
+            "from_cache": self.report.cached,
+        }
+
+    def _names(self, kind: Any) -> tuple[str, ...]:
+        return tuple(self.mesh.GetMaterials() if kind == VOL else self.mesh.GetBoundaries())
+
+    def _region(self, kind: Any, what: str, names: tuple[str, ...]) -> Region:
+        known = self._names(kind)
+        for name in names:
+            if not isinstance(name, str) or not NAME.fullmatch(name) or name not in known:
+                raise RegionError(self._unknown(kind, what, str(name)))
+        return Region(self.mesh, kind, "|".join(names) if names else ".*")
+
+    def _unknown(self, kind: Any, what: str, name: str) -> str:
+        known = set(self._names(kind))
+        other, of_other = ("boundary", BND) if kind == VOL else ("region", VOL)
+        if name in self._names(of_other):
+            return f"'{name}' is a {other}, not a {what}: known as {what} are {', '.join(sorted(known))}"
+        return unknown(what, name, known)
+
+    def _check_names(self) -> None:
+        """Compare the mesh's names with those the geometry promised."""
+        regions = {*self.geometry.solids, self.geometry.fluid}
+        boundaries, optional = set(self.geometry.boundary_names), set(self.geometry.internal_names)
+        for what, found, wanted, extra in (
+            ("regions", set(self._names(VOL)), regions, set()),
+            ("boundaries", set(self._names(BND)), boundaries, optional),
+        ):
+            missing, surplus = wanted - found, found - wanted - extra
+            if missing or surplus:
+                raise MeshError(
+                    f"the mesh of {type(self.geometry).__name__} has other {what} than promised: "
+                    f"missing {sorted(missing) or 'none'}, not promised {sorted(surplus) or 'none'}"
+                )
+
+    def _check_volumes(self) -> dict[str, float]:
+        """Return the relative volume error of each region; raise when curved elements do not follow the geometry."""
+        exact = self.geometry.exact_volumes()
+        errors = {name: self.volume(name) / exact[name] - 1 for name in exact}
+        worst = max(errors, key=lambda name: abs(errors[name]))
+        if self.geometry.curving_order > 1 and abs(errors[worst]) > LARGEST_VOLUME_ERROR:
+            raise MeshError(
+                f"region '{worst}' of the mesh has {errors[worst]:+.1%} of volume against the exact shape: make the "
+                "elements smaller or the curving order higher"
+            )
+        return errors
+
+    def _interpolate_shape_map(self) -> GridFunction | None:
+        """Return the shape map as a grid function (which must live as long as the mesh), if there is one.
+
+        NGSolve projects element by element and averages, which would blur the shape of the skin: the boundaries are
+        therefore projected on their own, the first of `boundary_names` last, so that it is exact on its rims too.
+        """
+        displacement = self.geometry.shape_map()
+        if displacement is None:
+            return None
+        space = VectorH1(self.mesh, order=self.geometry.curving_order)
+        shape, part = GridFunction(space), GridFunction(space)
+        shape.Set(displacement)
+        for name in reversed(self.geometry.boundary_names):
+            boundary = self.boundaries(name)
+            part.Set(displacement, definedon=boundary)
+            Projector(space.GetDofs(boundary), False).Project(shape.vec)
+            shape.vec.data += part.vec
+        return shape

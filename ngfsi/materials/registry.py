@@ -1,0 +1,25 @@
+"""The laws there are: a new law is one file and one line here."""
+
+from __future__ import annotations
+
+from ngfsi.materials.compressible_neo_hookean import CompressibleNeoHookean
+from ngfsi.materials.hencky import Hencky
+from ngfsi.materials.law import Law, SolidLaw
+from ngfsi.materials.mooney_rivlin import MooneyRivlin
+from ngfsi.materials.neo_hookean import NeoHookean
+from ngfsi.materials.newtonian import Newtonian
+from ngfsi.materials.saint_venant_kirchhoff import SaintVenantKirchhoff
+
+SOLID_LAWS: tuple[type[SolidLaw], ...] = (
+    MooneyRivlin,
+    NeoHookean,
+    SaintVenantKirchhoff,
+    CompressibleNeoHookean,
+    Hencky,
+)
+FLUID_LAWS: tuple[type[Law], ...] = (Newtonian,)
+
+
+def laws() -> dict[str, type[Law]]:
+    """Return every law by its tag."""
+    return {cls.model_fields["law"].default: cls for cls in (*SOLID_LAWS, *FLUID_LAWS)}

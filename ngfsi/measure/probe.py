@@ -1,0 +1,110 @@
+"""Probe: all measurements of one state, each computed once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from ngsolve import Id, InnerProduct
+
+from ngfsi.measure.sections import Sections
+from ngfsi.measure.wall import ShearStatistics, Wall
+from ngfsi.physics import terms
+from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.system import System
+
+SHAPES = (ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
+
+
+class Probe:
+    """Measurements of a system's state; `refresh` after each step."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.domain = system.domain
+        self.fluid = system.domain.geometry.fluid
+        self.wall = Wall(system)
+        self.sections = Sections(system)
+        self.shear = ShearStatistics(0.0, 0.0, 0.0)
+        self._fields = system.fields(system.state.components)
+        self._motion = Kinematics(self._fields.grad_motion)
+        rules = {shape: ng.IntegrationRule(shape, 2 * system.unknowns.order) for shape in SHAPES}
+        regions = (*self.domain.geometry.solids, self.fluid)
+        self._points = {name: self.domain.mesh.MapToAllElements(rules, self.domain.materials(name)) for name in regions}
+        self._integrals = self._define()
+
+    def refresh(self) -> None:
+        """Take the system's present state."""
+        self.wall.refresh()
+        self.sections.refresh()
+        self.shear = self.wall.statistics()
+
+    def integral(self, name: str) -> float:
+        """Return a named integral of the present state (see `_define`), SI."""
+        return float(ng.Integrate(self._integrals[name], self.domain.mesh))
+
+    def smallest_jacobian(self, region: str) -> float:
+        """Return the smallest det F of a region's quadrature points."""
+        return float(np.min(self._motion.J(self._points[region])))
+
+    def largest_displacement(self) -> float:
+        """Return the largest displacement (m) at quadrature points of the solids."""
+        size = ng.Norm(self.system.state.components[0])
+        return max(float(np.max(size(self._points[name]))) for name in self.domain.geometry.solids)
+
+    def solid_pressure(self, region: str, side: str = "") -> float:
+        """Return the mean of p = -tr(sigma)/3 (Pa) over the deformed region, or over its side of a boundary."""
+        suffix = f"{region}@{side}" if side else region
+        return self.integral(f"p*size {suffix}") / self.integral(f"size {suffix}")
+
+    def _define(self) -> dict[str, Any]:
+        dx, ds, fluid = self.domain.dx, self.domain.ds, self.fluid
+        k, f = self._motion, self._fields
+        order = self.system.unknowns.order
+        d, new = self.system.state.components, self.system.new_weight
+        history = self.system.velocity_history.components
+        grad_rate = new * f.grad_motion + ng.Grad(history[0]) + ng.Grad(history[3])
+        normal = ng.specialcf.normal(3)
+        surface = Kinematics(ng.Grad(d[0]) + ng.Grad(d[3]))
+        flux = terms.relative_flux(surface, f.relative, normal)
+        more = {"bonus_intorder": 2 * order}
+        integrals = {
+            "lumen volume": k.J * dx(fluid, **more),
+            "lumen rate": InnerProduct(k.cof, grad_rate) * dx(fluid, **more),
+            "flux inlet": flux * ds("inlet", **more),
+            "flux outlet": flux * ds("outlet", **more),
+        }
+        return integrals | self._pressures()
+
+    def _pressures(self) -> dict[str, Any]:
+        """Integrals of the hydrostatic pressure: over the wall, and on both sides of its outer face."""
+        grad_d = ng.Grad(self.system.state.components[0])
+        k, normal = Kinematics(grad_d), ng.specialcf.normal(3)
+        relaxation = self.system.stress_free_gradient()
+        strain = Id(3) + grad_d if relaxation is None else (Id(3) + grad_d) * relaxation
+        face = ng.GridFunction(ng.FacetFESpace(self.domain.mesh, order=0))
+        face.Set(1, definedon=self.domain.boundaries("wall_outer"))
+        # only elements at the face have an integral there
+        area = face * ng.Norm(k.cof * normal)
+        integrals: dict[str, Any] = {}
+        for name, law in self.system.solids.items():
+            p = terms.hydrostatic_pressure(law, strain)
+            side = self.domain.dx(name, element_boundary=True, definedonelements=self._elements_at(name, "wall_outer"))
+            integrals[f"p*size {name}@wall_outer"] = p * area * side
+            integrals[f"size {name}@wall_outer"] = area * side
+        p_wall = terms.hydrostatic_pressure(self.system.solids["wall"], strain)
+        integrals["p*size wall"] = p_wall * k.J * self.domain.dx("wall")
+        integrals["size wall"] = k.J * self.domain.dx("wall")
+        return integrals
+
+    def _elements_at(self, region: str, boundary: str) -> ng.BitArray:
+        """Return the elements of a region that touch a boundary."""
+        mesh = self.domain.mesh
+        touching = {v.nr for element in self.domain.boundaries(boundary).Elements() for v in element.vertices}
+        chosen = ng.BitArray(mesh.ne)
+        chosen[:] = False
+        for element in self.domain.materials(region).Elements():
+            if any(v.nr in touching for v in element.vertices):
+                chosen[element.nr] = True
+        return chosen

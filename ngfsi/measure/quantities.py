@@ -1,0 +1,112 @@
+"""The columns of a run's time series: each quantity is one object from which column, label and meaning follow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ngfsi.measure.probe import Probe
+from ngfsi.measure.sections import STATIONS
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number measured at each step, in SI.
+
+    Attributes:
+        name: as in the column, without unit.
+        unit: suffix of the column, an SI unit; "1" for pure numbers.
+        description: for table heads and plots.
+        evaluate: value of the present state.
+    """
+
+    name: str
+    unit: str
+    description: str
+    evaluate: Callable[[Probe], float]
+
+    @property
+    def column(self) -> str:
+        """Name of the column in series.csv."""
+        return f"{self.name}_{self.unit}"
+
+
+def _reynolds(probe: Probe) -> float:
+    blood = probe.system.case.materials.fluid
+    areas = probe.sections.areas
+    flows = np.abs(probe.sections.local_flows(probe.system.flow_rate))
+    diameters = np.sqrt(4 * areas / np.pi)
+    return float(np.max(blood.density * flows / areas * diameters / blood.viscosity))
+
+
+def _inflow(probe: Probe) -> float:
+    return -probe.integral("flux inlet")
+
+
+def _station(index: int) -> Quantity:
+    return Quantity(
+        f"area_z{index:02d}",
+        "m2",
+        f"lumen area at station {index} of 0 (inlet) to {STATIONS - 1} (outlet)",
+        lambda probe: float(probe.sections.areas[index]),
+    )
+
+
+QUANTITIES: tuple[Quantity, ...] = (
+    Quantity("skin_pressure", "Pa", "pressure on the skin", lambda p: p.system.skin_pressure.Get()),
+    Quantity("outlet_pressure", "Pa", "blood pressure at the outlet", lambda p: p.system.outlet_pressure.Get()),
+    Quantity("lumen_volume", "m3", "volume of the lumen", lambda p: p.integral("lumen volume")),
+    Quantity(
+        "lumen_area_mean",
+        "m2",
+        "volume of the lumen over the length of the segment",
+        lambda p: p.integral("lumen volume") / p.domain.geometry.length,
+    ),
+    *(_station(index) for index in range(STATIONS)),
+    Quantity("sawss", "Pa", "wall shear stress, mean over the deformed wall", lambda p: p.shear.mean),
+    Quantity("wss_min", "Pa", "smallest wall shear stress", lambda p: p.shear.smallest),
+    Quantity("wss_max", "Pa", "largest wall shear stress", lambda p: p.shear.largest),
+    Quantity(
+        "sawss_poiseuille_local",
+        "Pa",
+        "SAWSS of developed flow with the same local area and flow",
+        lambda p: p.sections.poiseuille_sawss(p.system.flow_rate, p.system.case.materials.fluid.viscosity),
+    ),
+    Quantity(
+        "p_tissue_side",
+        "Pa",
+        "hydrostatic pressure at the outer face of the vein wall, tissue side",
+        lambda p: p.solid_pressure("tissue", "wall_outer"),
+    ),
+    Quantity(
+        "p_wall_side",
+        "Pa",
+        "hydrostatic pressure at the outer face of the vein wall, wall side",
+        lambda p: p.solid_pressure("wall", "wall_outer"),
+    ),
+    Quantity("p_wall_mean", "Pa", "hydrostatic pressure, mean over the vein wall", lambda p: p.solid_pressure("wall")),
+    Quantity("flow_in", "m3_s", "flow through the inlet", _inflow),
+    Quantity("flow_out", "m3_s", "flow through the outlet", lambda p: p.integral("flux outlet")),
+    Quantity("lumen_volume_rate", "m3_s", "rate of the lumen's volume", lambda p: p.integral("lumen rate")),
+    Quantity(
+        "mass_defect",
+        "m3_s",
+        "rate of the lumen's volume + outflow - inflow",
+        lambda p: p.integral("lumen rate") + p.integral("flux outlet") + p.integral("flux inlet"),
+    ),
+    Quantity("reynolds", "1", "largest Reynolds number of the sections", _reynolds),
+    Quantity("displacement_max", "m", "largest displacement of the solids", lambda p: p.largest_displacement()),
+    *(
+        Quantity(
+            f"detF_min_{name}", "1", f"smallest volume ratio det F in {name}", lambda p, n=name: p.smallest_jacobian(n)
+        )
+        for name in ("tissue", "wall", "fluid")
+    ),
+)
+
+
+def row(probe: Probe) -> dict[str, float]:
+    """Return all quantities of the present state by column; refresh the probe first."""
+    return {quantity.column: quantity.evaluate(probe) for quantity in QUANTITIES}

@@ -1,0 +1,100 @@
+"""Export: the deformed mesh and its fields at one time, in formats of other programs, through meshio."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import meshio
+import numpy as np
+import pyvista as pv
+
+from ngfsi.errors import OutputError, unknown
+from ngfsi.output.fields import REGION
+from ngfsi.output.stored import StoredRun
+from ngfsi.output.table import explained
+
+Format = Literal["xdmf", "vtu", "gmsh", "abaqus"]
+SUFFIX: dict[Format, str] = {"xdmf": ".xdmf", "vtu": ".vtu", "gmsh": ".msh", "abaqus": ".inp"}
+
+# of Gmsh's formats the one that keeps region names and that every program reads
+MESHIO_FORMAT = {"gmsh": "gmsh22"}
+MERGE_DISTANCE = 1e-7
+"""Points [m] nearer than this are the same node: single precision on a mesh of decimetres."""
+
+GMSH_PRISM = [0, 1, 2, 3, 4, 5, 6, 8, 12, 7, 13, 14, 9, 11, 10, 15, 17, 16]
+"""Place in VTK of each node of Gmsh's 18-node prism (Gmsh manual, node ordering), which meshio leaves to the caller."""
+STRAIGHT = {"wedge18": ("wedge", 6), "tetra10": ("tetra", 4)}
+"""Curved cell -> the straight one and how many of the nodes it keeps."""
+
+
+def export(run: StoredRun, time: float, fmt: str, destination: Path | None = None) -> tuple[Path, float]:
+    """Write the fields stored nearest to `time` [s] and return the file and the time of those fields.
+
+    All formats hold the deformed mesh with its regions: as cell field `region` or, in gmsh and abaqus, as named sets of
+    cells. Cells are curved but for abaqus, whose straight ones carry no fields. Neighbours share their nodes; on the
+    border of blood and tissue the fields are those of the blood.
+
+    Args:
+        run: a stored run.
+        time: s
+        fmt: xdmf, vtu, gmsh or abaqus.
+        destination: file; default: `<time>` with the format's suffix in the run's folder `export`.
+
+    Raises:
+        OutputError: unknown format, nothing stored, or the file cannot be written.
+    """
+    if fmt not in get_args(Format):
+        raise OutputError(unknown("format", fmt, get_args(Format)))
+    grid = run.fields(time)
+    found = min(run.field_times(), key=lambda stored: abs(stored - time))
+    path = destination or run.path / "export" / f"t_{found:.6g}s{SUFFIX[fmt]}"  # type: ignore[index]
+    mesh = _mesh(grid)
+    if fmt in ("gmsh", "abaqus"):
+        mesh = _with_sets(mesh, [str(name) for name in grid.field_data["regions"]], straight=fmt == "abaqus")
+    with explained(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        meshio.write(path, mesh, file_format=MESHIO_FORMAT.get(fmt, fmt))
+    return path, found
+
+
+def _mesh(grid: pv.UnstructuredGrid) -> meshio.Mesh:
+    """Return a stored grid, whose cells have nodes of their own, with shared nodes."""
+    # where nodes coincide the first one's values win: begin with the blood, the last region
+    numbers = grid.cell_data[REGION]
+    parts = [grid.extract_cells(np.flatnonzero(numbers == i)) for i in range(numbers.max(), -1, -1)]
+    shared = pv.merge(parts, merge_points=False).clean(tolerance=MERGE_DISTANCE, average_point_data=False)
+    converted = pv.to_meshio(shared)
+    return meshio.Mesh(
+        points=np.asarray(converted.points, dtype=float),
+        cells=converted.cells,
+        point_data={name: np.asarray(converted.point_data[name], dtype=float) for name in grid.point_data},
+        cell_data={REGION: [np.asarray(block, dtype=np.int32) for block in converted.cell_data[REGION]]},
+    )
+
+
+def _with_sets(mesh: meshio.Mesh, regions: list[str], *, straight: bool) -> meshio.Mesh:
+    """Return the mesh with the regions as named sets, and with straight cells or with prisms in the order of Gmsh."""
+    numbers = mesh.cell_data[REGION]
+    points, blocks = _straight(mesh) if straight else (mesh.points, [_gmsh(block) for block in mesh.cells])
+    return meshio.Mesh(
+        points=points,
+        cells=blocks,
+        point_data={} if straight else mesh.point_data,
+        cell_data={tag: [block + 1 for block in numbers] for tag in ("gmsh:physical", "gmsh:geometrical")},
+        field_data={name: np.array([i + 1, 3]) for i, name in enumerate(regions)},
+        cell_sets={name: [np.flatnonzero(block == i) for block in numbers] for i, name in enumerate(regions)},
+    )
+
+
+def _gmsh(block: Any) -> tuple[str, Any]:
+    return block.type, block.data[:, GMSH_PRISM] if block.type == "wedge18" else block.data
+
+
+def _straight(mesh: meshio.Mesh) -> tuple[Any, list[tuple[str, Any]]]:
+    """Return the corners alone and the cells between them."""
+    kinds = [STRAIGHT[block.type] for block in mesh.cells]
+    corners = [block.data[:, :nodes] for block, (_, nodes) in zip(mesh.cells, kinds, strict=True)]
+    used = np.unique(np.concatenate([block.ravel() for block in corners]))
+    blocks = [(name, np.searchsorted(used, block)) for (name, _), block in zip(kinds, corners, strict=True)]
+    return mesh.points[used], blocks

@@ -1,0 +1,108 @@
+"""Fields of a run for ParaView and pyvista: one .vtu file per time, and a .pvd file that lists the times.
+
+Points are those of the deformed shape; the field `displacement_m` leads back to the reference shape. Volume cells are
+curved, of second order whatever the order of the fields, and do not share points, so that fields may jump between
+regions; the cell field `region` numbers the regions in the order of the field data `regions`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import ngsolve as ng
+import numpy as np
+import pyvista as pv
+
+from ngfsi.domain import Domain
+from ngfsi.measure.wall import WallSample
+from ngfsi.output.table import explained
+
+FOLDER = "fields"
+DISPLACEMENT = "displacement_m"
+REGION = "region"
+CELL_ORDER = 2
+"""Higher ones make files large without being seen, and hardly any program but ParaView reads them."""
+
+
+class FieldWriter:
+    """Writes the fields of a run into its folder."""
+
+    def __init__(self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction]) -> None:
+        """Prepare.
+
+        Args:
+            folder: folder of the run.
+            domain: the reference shape.
+            volume_fields: name with unit -> field on the whole domain; `displacement_m` must be among them.
+        """
+        if DISPLACEMENT not in volume_fields:
+            raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
+        self.folder = folder
+        self._mesh, self._names, self._coefficients = domain.mesh, list(volume_fields), list(volume_fields.values())
+        regions = [*domain.geometry.solids, domain.geometry.fluid]
+        self._regions = regions
+        self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
+        self._times: list[float] = []
+
+    def write(self, time: float, wall: WallSample) -> None:
+        """Store the present fields and the sampled wall as those of `time` [s].
+
+        Raises:
+            OutputError: the files cannot be written.
+        """
+        number = len(self._times)
+        self._times.append(time)
+        with explained(self.folder / FOLDER):
+            (self.folder / FOLDER).mkdir(exist_ok=True)
+            for name, grid in (("volume", self._volume()), ("wall", wall_grid(wall))):
+                self._save(grid, self.folder / FOLDER / f"{name}_{number:04d}.vtu")
+                write_index(self.folder / f"{name}.pvd", f"{FOLDER}/{name}_{{:04d}}.vtu", self._times)
+
+    def _volume(self) -> pv.UnstructuredGrid:
+        raw = self.folder / FOLDER / "unfinished"
+        ng.VTKOutput(
+            self._mesh,
+            coefs=self._coefficients,
+            names=self._names,
+            filename=str(raw),
+            order=CELL_ORDER,
+            floatsize="single",
+        ).Do()
+        written = raw.with_suffix(".vtu")
+        grid = pv.read(written)
+        written.unlink()
+        grid.points += grid.point_data[DISPLACEMENT]
+        grid.cell_data[REGION] = self._cell_regions
+        grid.field_data["regions"] = self._regions
+        return grid
+
+    @staticmethod
+    def _save(grid: pv.UnstructuredGrid, path: Path) -> None:
+        partial = path.with_name(f"part-{path.name}")
+        grid.save(partial)
+        partial.replace(path)
+
+
+def wall_grid(wall: WallSample) -> pv.UnstructuredGrid:
+    """Return the sampled wall as linear quadrilaterals with wall shear stress and pressure."""
+    quads = np.column_stack([np.full(len(wall.quads), 4), wall.quads])
+    types = np.full(len(wall.quads), pv.CellType.QUAD)
+    grid = pv.UnstructuredGrid(quads.ravel(), types, wall.points.astype(np.float32))
+    grid.point_data["wall_shear_Pa"] = wall.shear.astype(np.float32)
+    grid.point_data["wall_shear_magnitude_Pa"] = np.linalg.norm(wall.shear, axis=1).astype(np.float32)
+    grid.point_data["pressure_Pa"] = wall.pressure.astype(np.float32)
+    return grid
+
+
+def write_index(path: Path, pattern: str, times: list[float]) -> None:
+    """Write the .pvd file that gives the file `pattern.format(i)` the i-th time [s]."""
+    root: Any = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
+    collection = ElementTree.SubElement(root, "Collection")
+    for number, time in enumerate(times):
+        ElementTree.SubElement(collection, "DataSet", timestep=repr(float(time)), part="0", file=pattern.format(number))
+    ElementTree.indent(root)
+    partial = path.with_name(f"part-{path.name}")
+    ElementTree.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
+    partial.replace(path)

@@ -1,0 +1,166 @@
+"""Figures of stored runs: quantities over time, and outlines of the lumen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ngfsi.output.stored import StoredRun
+
+Array = NDArray[np.float64]
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
+"""Palette of Okabe and Ito, which colour-blind readers tell apart."""
+
+QUIET = "#777777"
+
+
+@dataclass(frozen=True)
+class Group:
+    """What is drawn in one colour.
+
+    Attributes:
+        label: what stands beside the line.
+        run: drawn as a line.
+        band: runs whose range is shaded, e.g. the same material with other parameters.
+        colour: any of Matplotlib's.
+    """
+
+    label: str
+    run: StoredRun
+    band: tuple[StoredRun, ...] = ()
+    colour: str = COLOURS[0]
+
+
+def time_series(
+    groups: Sequence[Group],
+    quantity: Callable[[StoredRun], Array],
+    label: str,
+    path: Path,
+    *,
+    comparison: tuple[str, Callable[[StoredRun], Array]] | None = None,
+    events: Sequence[tuple[float, str]] = (),
+    values: Sequence[tuple[float, str]] = (),
+) -> None:
+    """Draw a quantity over time.
+
+    Args:
+        groups: what to compare.
+        quantity: values at the times of a run's series, in the unit to be shown.
+        label: of the vertical axis, with the unit.
+        path: file to write; its suffix says the format.
+        comparison: name and values of a second quantity, dashed in the same colours.
+        events: times [s] to be marked, and what happens then.
+        values: levels to be marked, and what they are.
+    """
+    figure, axes = _figure(7.5, 4.4)
+    for group in groups:
+        times = group.run.series["time_s"]
+        axes.plot(times, quantity(group.run), color=group.colour, marker="o", markersize=2.5, label=group.label)
+        if group.band:
+            low, high = _range((group.run, *group.band), quantity, times)
+            axes.fill_between(times, low, high, color=group.colour, alpha=0.2, linewidth=0)
+        if comparison:
+            axes.plot(times, comparison[1](group.run), color=group.colour, linestyle="--", linewidth=1.1)
+    if comparison:
+        axes.plot([], [], color=QUIET, linestyle="--", linewidth=1.1, label=comparison[0])
+    for time, text in events:
+        axes.axvline(time, color=QUIET, linestyle=":", linewidth=1)
+        axes.annotate(text, (time, 1), (3, -3), xycoords=("data", "axes fraction"), textcoords="offset points",
+                      fontsize=8, color=QUIET, va="top")  # fmt: skip
+    for level, text in values:
+        axes.axhline(level, color=QUIET, linestyle="-.", linewidth=1)
+        axes.annotate(text, (0, level), (3, 3), xycoords=("axes fraction", "data"), textcoords="offset points",
+                      fontsize=8, color=QUIET)  # fmt: skip
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(label)
+    axes.margins(x=0.02)
+    _legend_below(figure, axes)
+    figure.savefig(path)
+
+
+def outlines(groups: Sequence[Group], times: tuple[float, float], path: Path) -> None:
+    """Draw the cross-section of the lumen at mid-length before and after, a panel per group.
+
+    Args:
+        groups: what to compare.
+        times: before and after [s]; the stored outlines nearest to them are drawn.
+        path: file to write.
+    """
+    columns = min(len(groups), 4)
+    rows = -(-len(groups) // columns)
+    figure, axes = _figure(2.9 * columns + 0.4, 3.1 * rows + 0.5, rows, columns)
+    panels: list[Axes] = list(np.ravel(axes))
+    for panel, group in zip(panels, groups, strict=False):
+        _outline_panel(panel, group, times)
+    for panel in panels[len(groups) :]:
+        panel.set_axis_off()
+    _share_frame(panels[: len(groups)])
+    for number, panel in enumerate(panels):
+        panel.set_xlabel("x, lateral [mm]")
+        if number % columns == 0:
+            panel.set_ylabel("y, anterior [mm]")
+    figure.savefig(path)
+
+
+def _outline_panel(panel: Axes, group: Group, times: tuple[float, float]) -> None:
+    before, after = (_middle_ring(group.run, time) for time in times)
+    for (time, ring), colour in ((before, QUIET), (after, group.colour)):
+        panel.plot(ring[:, 0], ring[:, 1], color=colour, label=f"t = {time:.3g} s: {ring_area(ring):.1f} mm²")
+    panel.fill(after[1][:, 0], after[1][:, 1], color=group.colour, alpha=0.15, linewidth=0)
+    panel.set_aspect("equal")
+    panel.set_title(group.label, fontsize=10)
+    panel.legend(loc="center", fontsize=8, frameon=False, handlelength=1.2)
+
+
+def _middle_ring(run: StoredRun, time: float) -> tuple[float, Array]:
+    """Return time [s] and closed outline (n, 2) [mm] of the section at mid-length."""
+    found, rings = run.outlines(time)
+    ring = rings[len(rings) // 2, :, :2] * 1e3
+    return found, np.vstack([ring, ring[:1]])
+
+
+def ring_area(ring: Array) -> float:
+    """Return the area inside a closed polygon (n, 2) by the shoelace formula; a first point may stand last again."""
+    x, y = ring.T
+    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
+
+
+def _share_frame(panels: Sequence[Axes]) -> None:
+    """Give panels of equal aspect the same extent in mm, each around its own middle."""
+    size = max(max(np.ptp(panel.get_xlim()), np.ptp(panel.get_ylim())) for panel in panels)
+    for panel in panels:
+        x, y = np.mean(panel.get_xlim()), np.mean(panel.get_ylim())
+        panel.set_xlim(x - size / 2, x + size / 2)
+        panel.set_ylim(y - size / 2, y + size / 2)
+
+
+def _range(runs: Sequence[StoredRun], quantity: Callable[[StoredRun], Array], times: Array) -> tuple[Array, Array]:
+    """Return the smallest and largest value over runs at given times; a run counts as far as it came."""
+    values = [np.interp(times, run.series["time_s"], quantity(run), right=np.nan) for run in runs]
+    return np.nanmin(values, axis=0), np.nanmax(values, axis=0)
+
+
+def _legend_below(figure: Figure, axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3), frameon=False, fontsize=9)
+
+
+def _figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
+    """Return a figure of a size in inches and its axes, without touching pyplot's global state."""
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=150)
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns)
+    for panel in np.ravel(axes):
+        panel.grid(color="#dddddd")
+        panel.set_axisbelow(True)
+        panel.spines[["top", "right"]].set_visible(False)
+    return figure, axes

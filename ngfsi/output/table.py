@@ -1,0 +1,88 @@
+"""Tables of numbers in CSV: one header, rows appended one by one, each of them safe on the disk before going on."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.errors import OutputError
+
+
+@contextmanager
+def explained(path: Path, doing: str = "written") -> Iterator[None]:
+    """Turn an error of the operating system inside the block into an OutputError that names the file."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"'{path}' cannot be {doing}: {error.strerror or error}") from error
+
+
+class TableWriter:
+    """Appends rows to a CSV file; the keys of the first row are the columns."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._columns: tuple[str, ...] = ()
+
+    def append(self, *rows: Mapping[str, float]) -> None:
+        """Append rows with the same columns as the first one and wait until they are on the disk.
+
+        Floats are written with as many digits as give the same float back.
+
+        Raises:
+            ValueError: a row has other columns.
+            OutputError: the file cannot be written.
+        """
+        new = not self._columns
+        if new:
+            self._columns = tuple(rows[0])
+        lines = [[_number(row[column]) for column in self._checked(row)] for row in rows]
+        with explained(self.path), self.path.open("w" if new else "a", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerows([self._columns, *lines] if new else lines)
+            file.flush()
+            os.fsync(file.fileno())
+
+    def _checked(self, row: Mapping[str, float]) -> tuple[str, ...]:
+        if set(row) != set(self._columns):
+            raise ValueError(f"{self.path.name} has the columns {self._columns}, the row has {tuple(row)}")
+        return self._columns
+
+
+def read_table(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of a CSV file; empty when it does not exist. A last line cut short by a crash is left out.
+
+    Raises:
+        OutputError: the file cannot be read or holds something else than numbers.
+    """
+    if not path.exists():
+        return {}
+    with explained(path, "read"):
+        text = path.read_text(encoding="utf-8")
+    header, *lines = [line for line in text.splitlines(keepends=True) if line.endswith("\n")] or [""]
+    columns = header.strip().split(",") if header else []
+    values = _values(path, lines, len(columns))
+    return {name: values[:, number] for number, name in enumerate(columns)}
+
+
+def _values(path: Path, lines: Iterable[str], columns: int) -> NDArray[np.float64]:
+    rows = list(lines)
+    if not rows:
+        return np.empty((0, columns))
+    try:
+        values = np.loadtxt(rows, delimiter=",", ndmin=2)
+    except ValueError as error:
+        raise OutputError(f"'{path}' is not a table of numbers: {error}") from None
+    if values.shape[1] != columns:
+        raise OutputError(f"'{path}' has {columns} column names, but {values.shape[1]} columns of numbers")
+    return values
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) else repr(float(value))

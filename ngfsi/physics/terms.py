@@ -1,0 +1,129 @@
+"""Terms of the weak form: each returns the integrand of a virtual work on the reference shape.
+
+Signs: the residual is internal minus external virtual work, so pressures enter with a plus (they push against the
+outward normal). `v`, `grad_v` are the test displacement or velocity and its reference gradient.
+
+Formulation: Donea, Huerta, Ponthot, Rodriguez-Ferran, "Arbitrary Lagrangian-Eulerian methods", Encyclopedia of
+Computational Mechanics (2004), non-conservative form on the reference shape.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ngsolve import CoefficientFunction, Det, IfPos, InnerProduct, Trace
+
+from ngfsi.physics.kinematics import Kinematics
+
+CF = CoefficientFunction
+
+
+class StoredEnergy(Protocol):
+    """What a solid law must offer here."""
+
+    def energy(self, F: CF) -> CF:
+        """Stored energy per stress-free volume (J/m3) at the deformation gradient F."""
+
+
+class Viscous(Protocol):
+    """What a Newtonian fluid must offer here."""
+
+    @property
+    def density(self) -> float:
+        """Density (kg/m3)."""
+
+    @property
+    def viscosity(self) -> float:
+        """Dynamic viscosity (Pa s)."""
+
+
+def internal_work(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None) -> CF:
+    """P : grad v with P = dW/dF by differentiation of the stored energy.
+
+    Args:
+        relaxation: G = dX/dX0 maps the stress-free shape X0 to the reference shape X where the latter is prestressed:
+            the law sees F G, and the energy per reference volume is W / det G (inverse design, Govindjee and Mihalic,
+            CMAME 136, 1996; use as prestress as in Gee, Foerster and Wall, IJNMBE 26, 2010).
+    """
+    if relaxation is None:
+        strain = F.MakeVariable()
+        return law.energy(strain).Diff(strain, grad_v)
+    strain = (F * relaxation).MakeVariable()
+    return law.energy(strain).Diff(strain, grad_v * relaxation) / Det(relaxation)
+
+
+def hydrostatic_pressure(law: StoredEnergy, F: CF) -> CF:
+    """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J."""
+    strain = F.MakeVariable()
+    return -law.energy(strain).Diff(strain, F) / (3 * Det(F))
+
+
+def inertia(density: float | CF, acceleration: CF, v: CF) -> CF:
+    """rho0 a . v per reference volume."""
+    return density * InnerProduct(acceleration, v)
+
+
+def convective_inertia(
+    density: float | CF, k: Kinematics, rate: CF, grad_u: CF, relative_velocity: CF, v: CF
+) -> CF:
+    """rho J (du/dt at a fixed reference point + L w) . v; w = u - mesh velocity convects."""
+    return density * k.J * InnerProduct(rate + grad_u * k.inverse * relative_velocity, v)
+
+
+def viscous_stress(fluid: Viscous, k: Kinematics, grad_u: CF) -> CF:
+    """mu (L + L^T) with L = grad u F^-1, the velocity gradient in the deformed shape."""
+    L = grad_u * k.inverse
+    return fluid.viscosity * (L + L.trans)
+
+
+def fluid_stress_work(fluid: Viscous, k: Kinematics, grad_u: CF, p: CF, grad_v: CF) -> CF:
+    """J sigma F^-T : grad v with sigma = -p I + mu (L + L^T)."""
+    return InnerProduct(viscous_stress(fluid, k, grad_u) * k.cof, grad_v) - p * InnerProduct(k.cof, grad_v)
+
+
+def incompressibility(k: Kinematics, grad_u: CF, q: CF) -> CF:
+    """-J div u q = -cof(F) : grad u q."""
+    return -InnerProduct(k.cof, grad_u) * q
+
+
+def harmonic_extension(stiffness: float, grad_m: CF, grad_v: CF) -> CF:
+    """Laplace equation for the mesh displacement m; the stiffness only scales the equation."""
+    return stiffness * InnerProduct(grad_m, grad_v)
+
+
+def follower_pressure(pressure: CF, k: Kinematics, normal: CF, v: CF) -> CF:
+    """p cof(F) N . v: a pressure on the deformed face, N the outward reference normal."""
+    return pressure * InnerProduct(k.cof * normal, v)
+
+
+def outflow(
+    fluid: Viscous, density: CF, pressure: CF, k: Kinematics, grad_u: CF, u: CF, w: CF, normal: CF, v: CF
+) -> CF:
+    """Outlet traction sigma n = -p n + mu L^T n, which developed flow satisfies exactly, and a backflow term.
+
+    The backflow term rho (w.n)_- u . v takes out the kinetic energy that enters where blood flows in through the
+    outlet (Bertoglio et al., IJNMBE 34, 2018); it vanishes where the flow leaves.
+    """
+    area = k.cof * normal
+    flux = InnerProduct(w, area)
+    transposed = fluid.viscosity * InnerProduct((grad_u * k.inverse).trans * area, v)
+    backflow = density * IfPos(flux, 0, flux) * InnerProduct(u, v)
+    return pressure * InnerProduct(area, v) - transposed - backflow
+
+
+def relative_flux(k: Kinematics, w: CF, normal: CF) -> CF:
+    """Volume flux per reference area of blood through the moving face: w . cof(F) N."""
+    return InnerProduct(w, k.cof * normal)
+
+
+def wall_shear(stress: CF, k: Kinematics, normal: CF) -> CF:
+    """Tangential part of the viscous traction on the deformed face (Pa, 3-vector); `normal` may point either way."""
+    area = k.cof * normal
+    n = area / (InnerProduct(area, area) ** 0.5)
+    traction = stress * n
+    return traction - InnerProduct(traction, n) * n
+
+
+def divergence(k: Kinematics, grad_u: CF) -> CF:
+    """div u in the deformed shape."""
+    return Trace(grad_u * k.inverse)

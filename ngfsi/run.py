@@ -1,0 +1,192 @@
+"""One run, from a case to a folder of results: geometry, domain, system, initial state, time loop, measures, output."""
+
+from __future__ import annotations
+
+import resource
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import ngsolve as ng
+
+from ngfsi.case import Case
+from ngfsi.domain import Domain
+from ngfsi.errors import NgfsiError, SolverError
+from ngfsi.measure.probe import Probe
+from ngfsi.measure.quantities import row
+from ngfsi.output.fields import FieldWriter
+from ngfsi.output.folder import RunFolder
+from ngfsi.output.progress import Progress
+from ngfsi.output.stored import StoredRun, open_run
+from ngfsi.solve.initial import initial_state
+from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.system import System
+from ngfsi.solve.timeloop import Step, TimeLoop
+
+WALL_REFINEMENT = 3
+"""Points along each side of an interface element in the written wall fields."""
+
+
+def run(case: Case, folder: Path, *, quiet: bool = False) -> StoredRun:
+    """Compute a case and return its results.
+
+    The folder holds what was computed up to any failure; its manifest says how the run ended.
+
+    Args:
+        folder: to be made; must not hold anything yet.
+        quiet: show no progress.
+
+    Raises:
+        OutputError: the folder cannot be used.
+        MeshError: the geometry could not be meshed.
+        SolverError: no solution; says at which time, why, and where the results are.
+        KeyboardInterrupt: after noting it in the manifest.
+    """
+    backend = choose_backend(case.solver.linear)
+    target = RunFolder.create(folder, case)
+    try:
+        Computation(case, target, backend, quiet=quiet).run()
+    except KeyboardInterrupt:
+        target.finish("interrupted", "by the user")
+        raise
+    except SolverError as error:
+        target.finish("failed", str(error))
+        raise SolverError(f"{error}; what was computed is in '{folder}'") from error
+    except NgfsiError as error:
+        target.finish("failed", str(error))
+        raise
+    except BaseException as error:
+        target.finish("failed", f"{type(error).__name__}: {error}")
+        raise
+    target.finish("completed")
+    return open_run(folder)
+
+
+class Computation:
+    """A run under way: owns the pieces and the order in which they work."""
+
+    def __init__(self, case: Case, folder: RunFolder, backend: Any, *, quiet: bool) -> None:
+        self.case, self.folder, self.backend, self.quiet = case, folder, backend, quiet
+        self.seconds: Counter[str] = Counter()
+        self._factorisations = 0
+
+    def run(self) -> None:
+        """Compute everything."""
+        with self._phase("mesh"):
+            domain = Domain.build(self.case.geometry)
+            self.folder.update_manifest(mesh=domain.statistics())
+        try:
+            with ng.TaskManager():
+                self._solve(domain)
+        finally:
+            self.folder.update_manifest(
+                seconds=dict(self.seconds),
+                peak_memory_MB=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+                factorisations=self._factorisations,
+            )
+
+    def _solve(self, domain: Domain) -> None:
+        with self._phase("set-up"):
+            system = System(self.case, domain)
+            self._note_system(system)
+            newton = Newton(system, self.backend)
+        with self._phase("initial state"):
+            self._factorisations += initial_state(system, newton, self.folder.log)
+        with self._phase("measures"):
+            probe = Probe(system)
+        loop = TimeLoop(self.case, system, newton, lambda: self._inversion(probe), self.folder.log)
+        writer = FieldWriter(self.folder.path, domain, volume_fields(system))
+        with Progress(self.case.name, end=self.case.time.end, steps=loop.steps, quiet=self.quiet) as progress:
+            self._record(0.0, 0.0, probe)
+            self._write(0.0, probe, writer)
+            latest: Step | None = None
+            for latest in self._timed(loop.run()):
+                self._record(latest.time, latest.size, probe)
+                self._note_cost(latest)
+                if self._is_written(latest.index):
+                    self._write(latest.time, probe, writer)
+                progress.advance(latest.index, latest.time, latest.solution.iterations)
+            if latest is not None and not self._is_written(latest.index):
+                self._write(latest.time, probe, writer)
+
+    def _is_written(self, index: int) -> bool:
+        every = self.case.output.fields_every
+        return every > 0 and index % every == 0
+
+    def _timed(self, steps: Iterator[Step]) -> Iterator[Step]:
+        """Pass steps on, adding the time spent inside the loop to its phase."""
+        while True:
+            with self._phase("steps"):
+                step = next(steps, None)
+            if step is None:
+                return
+            yield step
+
+    def _record(self, time: float, size: float, probe: Probe) -> None:
+        with self._phase("measures"):
+            probe.refresh()
+            self.folder.record({"time_s": time, "step_s": size, **row(probe)})
+
+    def _note_cost(self, step: Step) -> None:
+        taken = step.solution
+        self._factorisations += taken.factorisations
+        self.folder.record_cost(
+            {
+                "step": step.index,
+                "time_s": step.time,
+                "wall_s": step.seconds,
+                "iterations": taken.iterations,
+                "factorisations": taken.factorisations,
+            }
+        )
+
+    def _write(self, time: float, probe: Probe, writer: FieldWriter) -> None:
+        with self._phase("output"):
+            writer.write(time, probe.wall.sample(WALL_REFINEMENT))
+            self.folder.record_outlines(time, probe.sections.rings)
+
+    def _note_system(self, system: System) -> None:
+        unknowns = system.unknowns
+        self.folder.update_manifest(
+            unknowns=unknowns.size,
+            unknowns_by_block={name: part.stop - part.start for name, part in unknowns.blocks.items()},
+            reference={"lumen_volume_m3": system.domain.volume(system.domain.geometry.fluid)},
+            linear_solver=self.backend,
+            threads=ng.ngsglobals.numthreads,
+        )
+
+    @staticmethod
+    def _inversion(probe: Probe) -> str:
+        """Say in which region an element is turned inside out, or nothing."""
+        domain = probe.domain
+        for region in (*domain.geometry.solids, domain.geometry.fluid):
+            smallest = probe.smallest_jacobian(region)
+            if not smallest > 0:
+                return f"elements of region '{region}' are turned inside out (smallest det F {smallest:.3g})"
+        return ""
+
+    @contextmanager
+    def _phase(self, name: str) -> Iterator[None]:
+        started = perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] += perf_counter() - started
+
+
+def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
+    """Return the fields written for ParaView, defined on the whole domain: zero where they do not exist."""
+    domain = system.domain
+    fields = system.fields(system.state.components)
+    fluid = domain.geometry.fluid
+    solid_velocity = system.new_weight * system.state.components[0] + system.velocity_history.components[0]
+    everywhere = {name: solid_velocity for name in domain.geometry.solids} | {fluid: fields.velocity}
+    return {
+        "displacement_m": fields.motion,
+        "velocity_m_s": domain.mesh.MaterialCF(everywhere),
+        "pressure_Pa": domain.mesh.MaterialCF({fluid: fields.pressure}, default=0),
+    }

@@ -1,0 +1,129 @@
+"""States at t = 0: steady flow in the vein, with the tissue inflated (preload) or already carrying it (prestress)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import ngsolve as ng
+import numpy as np
+from ngsolve import BilinearForm, GridFunction, Id, Inv
+
+from ngfsi.errors import SolverError
+from ngfsi.physics import terms
+from ngfsi.solve.linear import Backend, Factorisation
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.system import System
+
+Say = Callable[[str], None]
+FINEST_LOAD_STEP = 1 / 64
+NEWTON_STEPS = 30
+
+
+def initial_state(system: System, newton: Newton, say: Say) -> int:
+    """Bring the system to its steady state under the loads of t = 0; return the number of factorisations.
+
+    preload: the reference shape is free of stress, and the blood inflates it.
+    prestress: the reference shape carries the blood already; steady flow in it, then the stress-free shape that the
+    same loads deform into it.
+
+    Raises:
+        SolverError: the tissue cannot carry the blood pressure; says up to which share of it.
+    """
+    system.set_steady()
+    if system.case.conditions.initial_state == "preload":
+        say("inflating the vein with creeping flow")
+        _in_load_steps(system, newton)
+        say("steady flow with inertia")
+        _with_inertia(system, newton)
+        return newton.factorisation.count
+    say("steady flow in the given shape")
+    flow = Newton(system, newton.factorisation.backend, "w", "p")
+    _in_load_steps(system, flow)
+    _with_inertia(system, flow)
+    say("stress-free shape by inverse design")
+    return flow.factorisation.count + _relax(system, newton.factorisation.backend)
+
+
+def _in_load_steps(system: System, newton: Newton) -> None:
+    """Creeping flow under growing shares of the loads of t = 0; inertia is left out, so the flow is linear.
+
+    A pressure residual that is small against the load but large against viscous stresses would otherwise drive the
+    flow of a Newton iterate to absurd Reynolds numbers.
+    """
+    density = system.blood_density.Get()
+    system.blood_density.Set(0.0)
+    share, step = 0.0, 1.0
+    while share < 1.0:
+        trial = min(1.0, share + step)
+        _set_share(system, trial)
+        try:
+            newton.solve(system.case.solver.tolerance, NEWTON_STEPS)
+        except SolverError as error:
+            step /= 2
+            if step < FINEST_LOAD_STEP:
+                raise SolverError(
+                    f"the initial state was found only up to {share:.0%} of the loads at t = 0: {error}"
+                ) from None
+        else:
+            share = trial
+    system.blood_density.Set(density)
+
+
+def _set_share(system: System, share: float) -> None:
+    system.set_loads(0.0)
+    system.skin_pressure.Set(share * system.skin_pressure.Get())
+    system.outlet_pressure.Set(share * system.outlet_pressure.Get())
+    system.flow_rate *= share
+
+
+def _with_inertia(system: System, newton: Newton) -> None:
+    """Steady flow with inertia, in growing shares of the density if it cannot be had at once."""
+    density = system.blood_density.Get()
+    share, step = 0.0, 1.0
+    while share < 1.0:
+        trial = min(1.0, share + step)
+        system.blood_density.Set(trial * density)
+        try:
+            newton.solve(system.case.solver.tolerance, NEWTON_STEPS)
+        except SolverError as error:
+            step /= 2
+            if step < FINEST_LOAD_STEP:
+                raise SolverError(f"no steady flow was found at t = 0: {error}") from None
+        else:
+            share = trial
+
+
+def _relax(system: System, backend: Backend) -> int:
+    """Find the displacement U from the given to the stress-free shape (Govindjee and Mihalic 1996).
+
+    Unknown is X0 = X + U(X). Equilibrium on the given shape, d = 0, is solved for U; its residual is that of the
+    coupled system, so that the system is in equilibrium with d = 0 to solver tolerance, not approximately.
+    """
+    assert system.relaxation is not None
+    space = system.unknowns.space.components[0]
+    relaxation = GridFunction(space)
+    trial, test = space.TnT()
+    form = BilinearForm(space, condense=system.form.condense, check_unused=False)
+    for name, law in system.solids.items():
+        unloaded = Inv(Id(3) + ng.Grad(trial))
+        work = terms.internal_work(law, Id(3), ng.Grad(test), unloaded)
+        form += work.Compile() * system.domain.dx(name)
+    part = system.unknowns.blocks["d"]
+    load = np.array(system.residual().FV().NumPy()[part])  # of blood and skin: the tissue is not stressed yet
+    free = system.unknowns.free("d")[part]
+    factorisation = Factorisation(form, free, backend)
+    residual, update = relaxation.vec.CreateVector(), relaxation.vec.CreateVector()
+    for _ in range(NEWTON_STEPS):
+        form.Apply(relaxation.vec, residual)
+        values = residual.FV().NumPy()
+        values[:] = np.where(free, values + load, 0.0)
+        factorisation.renew(relaxation.vec)
+        factorisation.solve(residual, update)
+        relaxation.vec.data -= update
+        change = float(np.max(np.abs(update.FV().NumPy()))) / system.domain.geometry.lumen_radius
+        if not np.isfinite(change):
+            break
+        if change < system.case.solver.tolerance:
+            system.relaxation.Set(relaxation)
+            return factorisation.count
+    raise SolverError("the stress-free shape was not found: inverse design did not converge")

@@ -1,0 +1,171 @@
+"""Quasi-Newton with a factorisation kept over iterations and steps, accelerated by Anderson mixing.
+
+With an old factorisation J0 the map x -> x - J0^-1 r(x) is a contraction near the solution; Anderson's mixing
+(Walker and Ni, SIAM J. Numer. Anal. 49, 2011) combines its last results by least squares. When the contraction is too
+slow the system is linearised anew at the present state; if it stays slow that happens in every iteration, which is
+Newton's method with the exact Jacobian.
+
+The rule of renewal, in one place:
+  before a step   the time scheme's weight of the new state differs from that of the factors by more than 20 %
+                  (`Newton.solve`), or the step before needed more than `SLOW` iterations;
+  within a step   `PATIENCE` iterations without reducing the change to a third, or a change larger than `GROWTH` times the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.errors import SolverError
+from ngfsi.solve.linear import Backend, Factorisation
+from ngfsi.solve.system import System, Vector
+
+SLOW = 10
+PATIENCE = 4
+GROWTH = 20.0
+WEIGHT_DRIFT = 1.2
+DEPTH = 10
+
+
+@dataclass
+class Solution:
+    """What a solve took."""
+
+    iterations: int = 0
+    factorisations: int = 0
+    changes: dict[str, float] = field(default_factory=dict)
+
+
+class Mixing:
+    """Anderson's mixing of the iterates x with steps g, measured in the scale of each unknown."""
+
+    def __init__(self, scale: Vector) -> None:
+        self.scale = scale
+        self.points: list[Vector] = []
+        self.steps: list[Vector] = []
+
+    def next(self, x: Vector, g: Vector) -> Vector:
+        """Return the next iterate from the point x and its plain step g."""
+        self.points.append(x)
+        self.steps.append(g)
+        del self.points[: -DEPTH - 1], self.steps[: -DEPTH - 1]
+        if len(self.points) == 1:
+            return x + g
+        dx = np.diff(np.array(self.points), axis=0).T
+        dg = np.diff(np.array(self.steps), axis=0).T
+        weights = np.linalg.lstsq(dg / self.scale[:, None], g / self.scale, rcond=None)[0]
+        return np.asarray(x + g - (dx + dg) @ weights)
+
+
+class Newton:
+    """Solver of a system's nonlinear equations on the unknowns of the named blocks (all if none is named)."""
+
+    def __init__(self, system: System, backend: Backend, *blocks: str) -> None:
+        self.system = system
+        self.blocks = blocks or tuple(system.unknowns.blocks)
+        self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
+        self.factorisation = Factorisation(system.form, self.free, backend)
+        self._factored_weight: float | None = None
+        self._stale = False
+        self._update = system.state.vec.CreateVector()
+
+    def solve(self, tolerance: float, max_iterations: int) -> Solution:
+        """Solve from the present state; the solution becomes the state.
+
+        Converged when the change of every block, largest over its unknowns, is below `tolerance` times its scale.
+
+        Raises:
+            SolverError: no convergence; names the block, and the state is left as it was.
+        """
+        start = self.system.values.copy()
+        try:
+            solution = self._iterate(tolerance, max_iterations)
+        except SolverError:
+            self.system.values[:] = start
+            self._factored_weight = None
+            raise
+        self._stale = solution.iterations > SLOW
+        return solution
+
+    def _iterate(self, tolerance: float, max_iterations: int) -> Solution:
+        solution = Solution()
+        scales = self.system.block_scales()
+        scale = self._scale_vector(scales)
+        if self._needs_renewal():
+            self._renew(solution)
+        mixing, history = Mixing(scale), []
+        always_renew = False
+        while solution.iterations < max_iterations:
+            solution.iterations += 1
+            step = self._plain_step()
+            solution.changes = self._changes(step, scales)
+            change = max(solution.changes.values())
+            x = self.system.values[self.free].copy()
+            if not np.isfinite(change):
+                break
+            if change < tolerance:
+                self.system.values[self.free] = x + step
+                self.system.apply_inflow()
+                return solution
+            history.append(change)
+            if always_renew or self._too_slow(history):
+                always_renew = always_renew or solution.factorisations >= 2  # noqa: PLR2004
+                self.system.values[self.free] = x + (step if change < history[0] else 0)
+                self._renew(solution)
+                mixing, history = Mixing(scale), []
+                continue
+            self.system.values[self.free] = mixing.next(x, step)
+        raise SolverError(self._complaint(solution, scales))
+
+    def _plain_step(self) -> Vector:
+        residual = self.system.residual()
+        residual.FV().NumPy()[~self.free] = 0.0
+        self.factorisation.solve(residual, self._update)
+        return -np.asarray(self._update.FV().NumPy()[self.free])
+
+    def _needs_renewal(self) -> bool:
+        if self._factored_weight is None or self._stale:
+            return True
+        now, then = self.system.new_weight.Get(), self._factored_weight
+        return max(now, then) > WEIGHT_DRIFT * min(now, then)
+
+    def _renew(self, solution: Solution) -> None:
+        self.system.apply_inflow()
+        self.factorisation.renew(self.system.state.vec)
+        self._factored_weight = self.system.new_weight.Get()
+        self._stale = False
+        solution.factorisations += 1
+
+    @staticmethod
+    def _too_slow(history: list[float]) -> bool:
+        if history[-1] > GROWTH * history[0]:
+            return True
+        return len(history) > PATIENCE and history[-1] > history[-1 - PATIENCE] / 3
+
+    def _scale_vector(self, scales: Mapping[str, float]) -> Vector:
+        scale = np.ones(self.system.unknowns.size)
+        for name, part in self.system.unknowns.blocks.items():
+            scale[part] = scales[name]
+        return scale[self.free]
+
+    def _changes(self, step: Vector, scales: Mapping[str, float]) -> dict[str, float]:
+        whole = np.zeros(self.system.unknowns.size)
+        whole[self.free] = step
+        return {
+            name: float(np.max(np.abs(whole[self.system.unknowns.blocks[name]]), initial=0.0)) / scales[name]
+            for name in self.blocks
+        }
+
+    def _complaint(self, solution: Solution, scales: Mapping[str, float]) -> str:
+        names = {"d": "displacement of the solids", "w": "velocity", "p": "blood pressure", "e": "mesh motion"}
+        finite = {k: v for k, v in solution.changes.items() if np.isfinite(v)}
+        if len(finite) < len(solution.changes):
+            return f"Newton's method met values that are not finite after {solution.iterations} iterations"
+        worst = max(finite, key=lambda name: finite[name])
+        return (
+            f"Newton's method did not converge in {solution.iterations} iterations: the {names[worst]} still changes "
+            f"by {finite[worst]:.1e} of its scale ({scales[worst]:.3g} in SI units)"
+        )

@@ -1,0 +1,43 @@
+"""Time schemes: the rate at the new time as a weighted sum of the new and two old states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+SchemeName = Literal["bdf2", "backward_euler"]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """rate(y)_n = new y_n + old y_(n-1) + older y_(n-2), in 1/s."""
+
+    new: float
+    old: float
+    older: float
+
+
+STEADY = Weights(0.0, 0.0, 0.0)
+"""All rates vanish."""
+
+
+def backward_euler(step: float) -> Weights:
+    """First order."""
+    return Weights(1 / step, -1 / step, 0.0)
+
+
+def bdf2(step: float, previous_step: float) -> Weights:
+    """Second order for variable steps (Hairer, Norsett, Wanner, Solving ODEs I, ch. III.5)."""
+    ratio = step / previous_step
+    return Weights((1 + 2 * ratio) / (1 + ratio) / step, -(1 + ratio) / step, ratio**2 / (1 + ratio) / step)
+
+
+def weights(scheme: SchemeName, step: float, previous_step: float | None) -> Weights:
+    """Return the weights of a step [s]; without a smooth previous step (None) the first one is backward Euler.
+
+    The start of BDF2 and each kink of a load therefore cost one step of local error O(step^2), which leaves the
+    second order of the whole untouched; carried across a kink, BDF2 would differentiate through it.
+    """
+    if scheme == "backward_euler" or previous_step is None:
+        return backward_euler(step)
+    return bdf2(step, previous_step)

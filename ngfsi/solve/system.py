@@ -1,0 +1,216 @@
+"""The coupled system: residual and linearisation of tissue, blood and mesh motion in one vector of unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from ngsolve import CoefficientFunction, GridFunction, Id, Inv, Parameter
+from numpy.typing import NDArray
+
+from ngfsi.case import Case
+from ngfsi.domain import Domain
+from ngfsi.physics import terms
+from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.schemes import STEADY, Weights
+from ngfsi.solve.unknowns import Unknowns
+
+import os
+BONUS = int(os.environ.get("BONUS", "2"))
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fields:
+    """The blood's and the mesh's fields as coefficient functions of the unknowns (trial functions or a state).
+
+    Attributes:
+        motion, grad_motion: displacement m = d + e of the mesh and its reference gradient.
+        relative: velocity w of the blood relative to the mesh.
+        velocity, grad_velocity: u = w + rate of m, and its reference gradient.
+        acceleration: rate of u at a fixed reference point.
+        pressure: p.
+    """
+
+    motion: CoefficientFunction
+    grad_motion: CoefficientFunction
+    relative: CoefficientFunction
+    velocity: CoefficientFunction
+    grad_velocity: CoefficientFunction
+    acceleration: CoefficientFunction
+    pressure: CoefficientFunction
+
+
+class System:
+    """Weak form of a case on a domain, with its state, its rates and its loads.
+
+    Rates are linear in the state: rate(y) = new * y + history. `velocity_history` and `acceleration_history` hold
+    the old states' part for each unknown, in the same vector layout as the state itself.
+    """
+
+    def __init__(self, case: Case, domain: Domain) -> None:
+        self.case, self.domain = case, domain
+        self.unknowns = Unknowns.build(domain, case.discretisation.order, case.conditions.ends)
+        space = self.unknowns.space
+        self.state = GridFunction(space)
+        self.velocity_history = GridFunction(space)
+        self.acceleration_history = GridFunction(space)
+        self.new_weight = Parameter(0.0)
+        self.skin_pressure = Parameter(0.0)
+        self.outlet_pressure = Parameter(0.0)
+        self.blood_density = Parameter(case.materials.fluid.density)
+        self.flow_rate = 0.0
+        self.solids = {name: getattr(case.materials, name) for name in domain.geometry.solids}
+        self.relaxation: GridFunction | None = None
+        if case.conditions.initial_state == "prestress":
+            self.relaxation = GridFunction(ng.VectorH1(domain.mesh, order=self.unknowns.order))
+        self.form = self._form()
+        self._residual = self.state.vec.CreateVector()
+        self._inlet_shape = self._inlet_profile()
+        self._inlet_flux = terms.relative_flux(
+            Kinematics(self._surface_gradient(self.state.components)), self._inlet_cf, ng.specialcf.normal(3)
+        ) * domain.ds("inlet", bonus_intorder=2 * self.unknowns.order)
+
+    # ---------------------------------------------------------------- weak form
+
+    def fields(self, parts: Any) -> Fields:
+        """Return the fluid's fields for the unknowns `parts` = (d, w, p, e)."""
+        d, w, p, e = parts
+        hd, hw, _, he = self.velocity_history.components
+        ad, _, _, ae = self.acceleration_history.components
+        new = self.new_weight
+        grad_m = ng.Grad(d) + ng.Grad(e)
+        u = w + new * (d + e) + hd + he
+        return Fields(
+            motion=d + e,
+            grad_motion=grad_m,
+            relative=w,
+            velocity=u,
+            grad_velocity=ng.Grad(w) + new * grad_m + ng.Grad(hd) + ng.Grad(he),
+            acceleration=new * u + hw + ad + ae,
+            pressure=p,
+        )
+
+    def stress_free_gradient(self) -> CoefficientFunction | None:
+        """G = dX/dX0 where the reference shape is prestressed: inverse of I + grad(X0 - X)."""
+        return None if self.relaxation is None else Inv(Id(3) + ng.Grad(self.relaxation))
+
+    def _form(self) -> ng.BilinearForm:
+        order = self.unknowns.order
+        trial, test = self.unknowns.space.TnT()
+        # interior unknowns appear from order 3 on; the form has no equation for them to lose
+        form = ng.BilinearForm(self.unknowns.space, condense=order >= 3, check_unused=False)
+        for integral in self._solid_terms(trial[0], test[0]):
+            form += integral
+        for integral in self._fluid_terms(trial, test):
+            form += integral
+        return form
+
+    def _solid_terms(self, d: Any, v: Any) -> list[Any]:
+        new, old = self.new_weight, self.acceleration_history.components[0]
+        acceleration = new * (new * d + self.velocity_history.components[0]) + old
+        dx, normal = self.domain.dx, ng.specialcf.normal(3)
+        integrals = []
+        for name, law in self.solids.items():
+            work = terms.internal_work(law, Id(3) + ng.Grad(d), ng.Grad(v), self.stress_free_gradient())
+            integrals.append(work.Compile() * dx(name))
+            integrals.append(terms.inertia(law.density, acceleration, v).Compile() * dx(name))
+        skin = Kinematics(ng.Grad(d).Trace())
+        integrals.append(terms.follower_pressure(self.skin_pressure, skin, normal, v.Trace()) * self.domain.ds("skin"))
+        return integrals
+
+    def _fluid_terms(self, trial: Any, test: Any) -> list[Any]:
+        blood, rho = self.case.materials.fluid, self.blood_density
+        f, k = self.fields(trial), Kinematics(self.fields(trial).grad_motion)
+        # Testing the momentum with v = dw + dd puts the traction of the blood on the interface rows of d; the mesh
+        # equation is tested with de alone and cannot leak into them.
+        v, grad_v = test[1] + test[0], ng.Grad(test[1]) + ng.Grad(test[0])
+        momentum = (
+            terms.convective_inertia(rho, k, f.acceleration, f.grad_velocity, f.relative, v)
+            + terms.fluid_stress_work(blood, k, f.grad_velocity, f.pressure, grad_v)
+            + terms.incompressibility(k, f.grad_velocity, test[2])
+        )
+        stiffness = self.case.discretisation.extension_stiffness
+        mesh_motion = terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(test[3]))
+        # a boundary integral over facets of volume elements, since the outlet traction needs the full gradient of u
+        normal = ng.specialcf.normal(3)
+        outlet = terms.outflow(
+            blood, rho, self.outlet_pressure, k, f.grad_velocity, f.velocity, f.relative, normal, v
+        )
+        fluid = self.domain.geometry.fluid
+        return [
+            momentum.Compile() * self.domain.dx(fluid, bonus_intorder=BONUS),
+            mesh_motion.Compile() * self.domain.dx(fluid),
+            outlet.Compile() * self.domain.ds("outlet", skeleton=True),
+        ]
+
+    # ---------------------------------------------------------------- inflow
+
+    def _inlet_profile(self) -> Vector:
+        """Dofs of the relative velocity on the inlet for developed flow of unit mean velocity along +z."""
+        geometry = self.domain.geometry
+        x0, y0 = geometry.vein_centre
+        squared = ((ng.x - x0) ** 2 + (ng.y - y0) ** 2) / geometry.lumen_radius**2
+        profile = GridFunction(self.unknowns.space)
+        profile.components[1].Set(
+            ng.CF((0, 0, 2 * (1 - squared))), definedon=self.domain.boundaries("inlet"), bonus_intorder=4
+        )
+        self._inlet_cf = profile.components[1]
+        self._profile_keeper = profile  # a component does not keep its parent alive
+        return np.array(profile.vec.FV().NumPy()[self.unknowns.inlet])
+
+    def _surface_gradient(self, parts: Any) -> CoefficientFunction:
+        return ng.Grad(parts[0]) + ng.Grad(parts[3])
+
+    def apply_inflow(self) -> None:
+        """Scale the inlet profile so that the flux through the deformed inlet is `flow_rate` (m3/s)."""
+        flux = abs(ng.Integrate(self._inlet_flux, self.domain.mesh))
+        self.values[self.unknowns.inlet] = self._inlet_shape * (self.flow_rate / flux)
+
+    # ---------------------------------------------------------------- state, loads, rates
+
+    @property
+    def values(self) -> Vector:
+        """The state's vector of unknowns, as a view."""
+        return np.asarray(self.state.vec.FV().NumPy())
+
+    def set_loads(self, t: float) -> None:
+        """Take the loads of time t (s)."""
+        loads = self.case.loads
+        self.skin_pressure.Set(loads.skin_pressure(t))
+        self.outlet_pressure.Set(loads.outlet_pressure(t))
+        self.flow_rate = loads.inlet_flow(t)
+
+    def set_rates(self, weights: Weights, states: tuple[Vector, Vector], rates: tuple[Vector, Vector]) -> None:
+        """Take the weights of a step and the histories of (last, second last) states and rates."""
+        self.new_weight.Set(weights.new)
+        self.velocity_history.vec.FV().NumPy()[:] = weights.old * states[0] + weights.older * states[1]
+        self.acceleration_history.vec.FV().NumPy()[:] = weights.old * rates[0] + weights.older * rates[1]
+
+    def set_steady(self) -> None:
+        """Let all rates vanish."""
+        zero = np.zeros(self.unknowns.size)
+        self.set_rates(STEADY, (zero, zero), (zero, zero))
+
+    def rates(self) -> Vector:
+        """Rates of all unknowns at the present state."""
+        return self.new_weight.Get() * self.values + self.velocity_history.vec.FV().NumPy()
+
+    def residual(self) -> Any:
+        """Return the residual vector at the present state, with the inflow brought up to date; overwritten later."""
+        self.apply_inflow()
+        self.form.Apply(self.state.vec, self._residual)
+        return self._residual
+
+    def block_scales(self) -> dict[str, float]:
+        """Physical scale of each block, against which changes are judged.
+
+        d, e: lumen radius; w: mean velocity of the larger of inflow and 1 % of a lumen volume per second (for runs
+        without inflow); p: the larger of outlet pressure and 1 Pa.
+        """
+        radius, length = self.domain.geometry.lumen_radius, self.domain.geometry.length
+        area = np.pi * radius**2
+        speed = max(abs(self.flow_rate), 0.01 * area * length) / area
+        return {"d": radius, "e": radius, "w": speed, "p": max(abs(self.outlet_pressure.Get()), 1.0)}

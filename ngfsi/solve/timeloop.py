@@ -1,0 +1,158 @@
+"""The time loop: steps that meet the kinks of the loads, are halved on failure and grow back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from math import ceil
+from time import perf_counter
+
+import numpy as np
+
+from ngfsi.case import Case
+from ngfsi.errors import SolverError
+from ngfsi.solve.newton import Newton, Solution
+from ngfsi.solve.schemes import weights
+from ngfsi.solve.system import System, Vector
+
+SAME_TIME = 1e-9
+"""Times closer than this share of the nominal step are one."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """An accepted step: number, time (s) at its end, size (s), what it took, wall time (s)."""
+
+    index: int
+    time: float
+    size: float
+    solution: Solution
+    seconds: float
+
+
+@dataclass
+class History:
+    """Old states, newest first: enough for the scheme and the predictor."""
+
+    times: list[float] = field(default_factory=list)
+    states: list[Vector] = field(default_factory=list)
+    rates: list[Vector] = field(default_factory=list)
+    smooth: int = 0
+    """Number of steps since the start or the last kink of a load."""
+
+    def push(self, time: float, state: Vector, rate: Vector) -> None:
+        """Add an accepted state."""
+        self.times.insert(0, time)
+        self.states.insert(0, state)
+        self.rates.insert(0, rate)
+        del self.times[3:], self.states[3:], self.rates[3:]
+
+    def extrapolated(self, time: float) -> Vector:
+        """Return the polynomial through the states since the last kink, at most quadratic, at a new time."""
+        count = min(self.smooth + 1, len(self.times))
+        known = self.times[:count]
+        result = np.zeros_like(self.states[0])
+        for i in range(count):
+            others = [known[j] for j in range(count) if j != i]
+            result += np.prod([(time - t) / (known[i] - t) for t in others]) * self.states[i]
+        return result
+
+
+class TimeLoop:
+    """Advances a system from its initial state to the end of the case."""
+
+    def __init__(self, case: Case, system: System, newton: Newton, inspect: Callable[[], str], say: Callable[[str], None]) -> None:
+        """Prepare the loop.
+
+        Args:
+            inspect: returns why the present state is unacceptable (an inverted element, say), or "".
+            say: takes lines for the log.
+        """
+        self.case, self.system, self.newton = case, system, newton
+        self._inspect, self._say = inspect, say
+        self._size = case.time.step
+        self._history = History()
+        self._milestones = self._plan()
+
+    @property
+    def steps(self) -> int:
+        """Number of steps if none fails."""
+        return len(self._milestones)
+
+    def _plan(self) -> list[float]:
+        """Return the times that must be hit: the nominal grid and the kinks of the loads."""
+        time = self.case.time
+        count = ceil(time.end / time.step - SAME_TIME)
+        grid = [min(k * time.step, time.end) for k in range(1, count + 1)]
+        for kink in self._kinks():
+            if 0 < kink < time.end and min(abs(kink - t) for t in grid) > SAME_TIME * time.step:
+                grid.append(kink)
+        return sorted(grid)
+
+    def _kinks(self) -> set[float]:
+        loads = self.case.loads
+        return {t for curve in (loads.skin_pressure, loads.inlet_flow, loads.outlet_pressure) for t in curve.breakpoints}
+
+    def run(self) -> Iterator[Step]:
+        """Yield after each accepted step, the system holding its state and rates.
+
+        Raises:
+            SolverError: a step failed at the smallest size; says at which time and why.
+        """
+        time, index = 0.0, 0
+        zero = np.zeros(self.system.unknowns.size)
+        self._history.push(time, self.system.values.copy(), zero)
+        for milestone in self._milestones:
+            while milestone - time > SAME_TIME * self.case.time.step:
+                started = perf_counter()
+                size, solution = self._advance(time, milestone)
+                at_milestone = abs(time + size - milestone) <= SAME_TIME * self.case.time.step
+                time = milestone if at_milestone else time + size
+                index += 1
+                self._history.push(time, self.system.values.copy(), self.system.rates())
+                self._history.smooth = 0 if self._is_kink(time) else self._history.smooth + 1
+                yield Step(index, time, size, solution, perf_counter() - started)
+
+    def _is_kink(self, time: float) -> bool:
+        return any(abs(time - kink) <= SAME_TIME * self.case.time.step for kink in self._kinks())
+
+    def _advance(self, time: float, milestone: float) -> tuple[float, Solution]:
+        """Take one step towards the milestone, with smaller steps if need be; return its size and cost."""
+        while True:
+            parts = ceil((milestone - time) / self._size - SAME_TIME)
+            size = (milestone - time) / max(parts, 1)
+            try:
+                solution = self._attempt(time, size)
+            except SolverError as error:
+                self._retreat(time, size, error)
+            else:
+                self._size = min(2 * self._size, self.case.time.step)
+                return size, solution
+
+    def _attempt(self, time: float, size: float) -> Solution:
+        system, history, case = self.system, self._history, self.case
+        previous = history.times[0] - history.times[1] if history.smooth >= 1 else None
+        old = min(1, len(history.states) - 1)
+        system.set_loads(time + size)
+        system.set_rates(
+            weights(case.time.scheme, size, previous),
+            (history.states[0], history.states[old]),
+            (history.rates[0], history.rates[old]),
+        )
+        system.values[:] = history.extrapolated(time + size)
+        solution = self.newton.solve(case.solver.tolerance, case.solver.max_iterations)
+        if complaint := self._inspect():
+            raise SolverError(complaint)
+        return solution
+
+    def _retreat(self, time: float, size: float, error: SolverError) -> None:
+        """Go back to the last accepted state and halve the step, or give up."""
+        self.system.values[:] = self._history.states[0]
+        if size / 2 < self.case.time.smallest_step:
+            pressure = self.case.loads.skin_pressure(time)
+            raise SolverError(
+                f"the run ended at t = {time:.6g} s with {pressure:.4g} Pa on the skin: a step of {size:.3g} s to "
+                f"t = {time + size:.6g} s failed and time.smallest_step forbids a smaller one: {error}"
+            ) from error
+        self._size = size / 2
+        self._say(f"t = {time:.6g} s: a step of {size:.3g} s failed ({error}); trying {size / 2:.3g} s")

@@ -1,0 +1,257 @@
+"""Calf and tube: exact volumes and areas, names, orientation, collisions, element kinds, taper."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from math import pi, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+from ngsolve import BND, CF, H1, Grad, GridFunction, Integrate, Mesh, specialcf, x, y, z
+
+from geometry.calf import STILL, CalfSegment
+from geometry.segment import MeshSettings, VeinSegment
+from geometry.tube import TubeSegment
+from ngfsi.domain import Domain
+from ngfsi.errors import GeometryError
+from ngfsi.meshing import MeshReport, jacobian_ratios
+
+ELEMENTS = ("prism", "mixed", "tetrahedron")
+
+
+def domain_of(geometry: VeinSegment) -> Domain:
+    """Mesh in this process: the builders are tested here, not the guard around them."""
+    mesh = Mesh(geometry.netgen_mesh())
+    mesh.Curve(geometry.curving_order)
+    return Domain(mesh, geometry, MeshReport("direct", (), 0.0))
+
+
+@pytest.fixture(scope="module")
+def calf() -> Domain:
+    return domain_of(CalfSegment())
+
+
+def test_default_is_all_prism_and_small(calf: Domain) -> None:
+    statistics = calf.statistics()
+    assert statistics["elements_by_type"] == {"prism": statistics["elements"]}
+    assert 1000 < statistics["elements"] < 2500
+    assert statistics["elements_by_region"]["fluid"] > 500
+    assert statistics["smallest_jacobian_ratio"] > 0.3
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("lumen", [8.0e-3, 11.1e-3])
+def test_volumes(element: Any, lumen: float) -> None:
+    geometry = CalfSegment(lumen_diameter=lumen, mesh=MeshSettings(element=element))
+    domain = domain_of(geometry)
+    R, a, t = 55e-3, lumen / 2, 1e-3
+    area = {"fluid": pi * a**2, "wall": pi * ((a + t) ** 2 - a**2)}
+    area["tissue"] = pi * (R**2 - 12.5e-3**2 - 7e-3**2 - (a + t) ** 2)
+    for region, exact in area.items():
+        assert domain.volume(region) == pytest.approx(exact * 0.12, rel=2e-5), region
+        assert geometry.exact_volumes()[region] == pytest.approx(exact * 0.12, rel=1e-12)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_volume_error_falls_with_the_curving_order(element: Any) -> None:
+    geometry = CalfSegment(mesh=MeshSettings(element=element))
+    mesh = Mesh(geometry.netgen_mesh())
+    exact, errors = geometry.exact_volumes(), {}
+    for order in (1, 3, 5):
+        mesh.Curve(order)
+        volume = Integrate(CF(1), mesh, order=12, region_wise=True)
+        errors[order] = max(abs(volume[k] / exact[name] - 1) for k, name in enumerate(mesh.GetMaterials()))
+    assert errors[1] > 1e-2
+    assert errors[3] < 1.5e-4
+    assert errors[5] < 3e-6
+
+
+def test_areas(calf: Domain) -> None:
+    radius = {"interface": 5.55e-3, "wall_outer": 6.55e-3, "skin": 55e-3, "tibia": 12.5e-3, "fibula": 7e-3}
+    for name, r in radius.items():
+        assert calf.area(name) == pytest.approx(2 * pi * r * 0.12, rel=1e-5), name
+    assert calf.area("inlet") == pytest.approx(pi * 5.55e-3**2, rel=5e-6)
+    assert calf.area("wall_top") == pytest.approx(pi * (6.55e-3**2 - 5.55e-3**2), rel=2e-5)
+    assert calf.area("tissue_bottom") == pytest.approx(calf.area("tissue_top"), rel=1e-12)
+
+
+def test_names(calf: Domain) -> None:
+    assert set(calf.mesh.GetMaterials()) == {"tissue", "wall", "fluid"}
+    outer = "skin tibia fibula interface wall_outer inlet outlet tissue_top tissue_bottom wall_top wall_bottom"
+    assert set(calf.mesh.GetBoundaries()) == {*outer.split(), "lumen_layer"}
+    layered = domain_of(TubeSegment(mesh=MeshSettings(axial_layers=1, wall_layers=2, far_size=8e-3)))
+    assert "wall_layer" in layered.mesh.GetBoundaries()
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_ends_and_normals(element: Any) -> None:
+    """Outer normals point out of the body, interface normals into the wall (checked against the divergence theorem)."""
+    domain = domain_of(CalfSegment(mesh=MeshSettings(element=element, axial_layers=2)))
+    n, mesh = specialcf.normal(3), domain.mesh
+    for name, height, sign in (("inlet", 0.0, -1.0), ("outlet", 0.12, 1.0), ("tissue_top", 0.12, 1.0)):
+        area = domain.area(name)
+        assert Integrate(z * domain.ds(name, bonus_intorder=8), mesh) / area == pytest.approx(height, abs=1e-12)
+        assert Integrate(n[2] * domain.ds(name, bonus_intorder=8), mesh) / area == pytest.approx(sign, rel=1e-12)
+    body = [name for name in domain.geometry.boundary_names if name not in ("interface", "wall_outer")]
+    through = {
+        "outer": Integrate(CF((x, y, z)) * n * domain.ds(*body, bonus_intorder=6), mesh) / 3,
+        "lumen": Integrate(CF((x, y, z)) * n * domain.ds("interface", "inlet", "outlet", bonus_intorder=6), mesh) / 3,
+    }
+    assert through["outer"] == pytest.approx(domain.volume(), rel=1e-5)
+    assert through["lumen"] == pytest.approx(domain.volume("fluid"), rel=1e-5)
+
+
+def test_layers_are_graded_towards_the_ends() -> None:
+    mesh = MeshSettings(axial_layers=6, end_refinement=4.0, far_size=8e-3)
+    heights = sorted({round(float(v.point[2]), 9) for v in Mesh(TubeSegment(mesh=mesh).netgen_mesh()).vertices})
+    steps = np.diff(heights)
+    assert len(steps) == 6
+    assert steps == pytest.approx(steps[::-1], rel=1e-5)
+    assert np.all(np.diff(steps[:3]) > 0)
+
+
+VARIATIONS: list[dict[str, Any]] = [
+    {"lumen_diameter": 3e-3, "wall_thickness": 0.4e-3},
+    {"lumen_diameter": 12.5e-3, "wall_thickness": 0.3e-3},
+    {"vein_x": 9e-3, "vein_y": -4e-3},
+    {"vein_x": -20e-3, "vein_y": -25e-3},
+    {"fibula_x": 38e-3, "fibula_y": -12e-3, "fibula_diameter": 20e-3},
+    {"tibia_x": -25e-3, "tibia_y": 33e-3},
+    {"length": 40e-3, "skin_radius_distal": 70e-3, "skin_radius_proximal": 70e-3},
+    {"mesh": MeshSettings(far_size=7e-3, vein_size=1e-3, axial_layers=2)},
+    {"mesh": MeshSettings(far_size=40e-3, vein_size=6e-3, axial_layers=2)},
+    {"mesh": MeshSettings(lumen_radii=(0.97, 0.9, 0.75, 0.5), axial_layers=2)},
+    {"mesh": MeshSettings(lumen_radii=(0.99, 0.9), wall_layers=4, element="mixed", axial_layers=2)},
+    {"mesh": MeshSettings(lumen_radii=(), element="tetrahedron", axial_layers=2)},
+]
+
+
+@pytest.mark.parametrize("dimensions", VARIATIONS)
+def test_every_sensible_choice_gives_valid_elements(dimensions: dict[str, Any]) -> None:
+    geometry = CalfSegment(**({"mesh": MeshSettings(axial_layers=2)} | dimensions))
+    domain = domain_of(geometry)
+    assert jacobian_ratios(domain.mesh).min() > 0.15
+    errors = domain.statistics()["relative_volume_errors"]
+    assert max(map(abs, errors.values())) < 1.5e-3
+
+
+COLLISIONS = {
+    ("vein wall", "tibia"): {"vein_x": -10e-3, "vein_y": 14e-3},
+    ("vein wall", "fibula"): {"vein_x": 14e-3},
+    ("tibia", "fibula"): {"fibula_x": -5e-3, "fibula_y": 20e-3},
+    ("vein wall", "skin"): {"vein_y": -50e-3},
+    ("tibia", "skin"): {"tibia_x": -36e-3},
+    ("fibula", "skin"): {"fibula_x": 50e-3},
+}
+
+
+@pytest.mark.parametrize("parts", COLLISIONS)
+def test_collisions_name_both_parts_and_the_gap(parts: tuple[str, str]) -> None:
+    with pytest.raises(GeometryError, match=rf"{parts[0]} and {parts[1]} overlap by [0-9.]+ mm"):
+        CalfSegment(**COLLISIONS[parts])
+
+
+def test_collision_states_the_overlap() -> None:
+    with pytest.raises(GeometryError, match=r"vein wall and fibula overlap by 0\.55 mm"):
+        CalfSegment(vein_x=7e-3, vein_y=6e-3)
+    with pytest.raises(GeometryError, match=r"vein wall and fibula are 0\.45 mm apart, at least 0\.5 mm"):
+        CalfSegment(vein_x=6e-3, vein_y=6e-3)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"lumen_diameter": 0.0},
+        {"wall_thickness": -1e-3},
+        {"length": 0.0},
+        {"mesh": {"far_size": 0.0}},
+        {"mesh": {"curving_order": 0}},
+        {"mesh": {"lumen_radii": (0.5, 0.7)}},
+        {"mesh": {"lumen_radii": (1.0, 0.7)}},
+        {"mesh": {"element": "hexahedron"}},
+        {"skin_radius_distal": 62e-3, "skin_radius_proximal": 52e-3},
+    ],
+)
+def test_impossible_values_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(GeometryError):
+        CalfSegment(**wrong)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_taper(element: Any) -> None:
+    a, b, length = 53e-3, 57e-3, 0.12
+    geometry = CalfSegment(
+        skin_radius_distal=a, skin_radius_proximal=b, mesh=MeshSettings(element=element, axial_layers=4)
+    )
+    domain = domain_of(geometry)
+    skin = pi * length * (a * a + a * b + b * b) / 3
+    inside = pi * length * (12.5e-3**2 + 7e-3**2 + 6.55e-3**2)
+    assert domain.volume("tissue") == pytest.approx(skin - inside, rel=2e-5)
+    assert geometry.exact_volumes()["tissue"] == pytest.approx(skin - inside, rel=1e-12)
+    assert domain.area("skin") == pytest.approx(pi * (a + b) * sqrt(length**2 + (b - a) ** 2), rel=1e-6)
+    off_cone = (x * x + y * y) ** 0.5 - (a + (b - a) * z / length)
+    assert sqrt(Integrate(off_cone**2 * domain.ds("skin"), domain.mesh) / domain.area("skin")) < 1e-7
+    shape = domain.mesh.deformation
+    moved = Integrate(shape * shape * domain.ds("tibia", "fibula", "wall_outer", "interface"), domain.mesh)
+    assert moved + Integrate(shape * shape * domain.dx("wall", "fluid"), domain.mesh) == 0.0
+    assert domain.statistics()["smallest_jacobian_ratio"] > 0.1
+
+
+def test_taper_map_is_zero_near_vein_and_bones_and_full_at_the_skin() -> None:
+    geometry = CalfSegment(skin_radius_distal=53e-3, skin_radius_proximal=57e-3)
+    mesh = Mesh(geometry.netgen_mesh())  # straight: points lie on chords, up to 1 mm inside the skin
+    shape = geometry.shape_map()
+    angles = np.linspace(0, 2 * pi, 61)
+    for body in (geometry.wall_outer, *geometry.bones):
+        room = geometry.skin_radius - np.hypot(body.x, body.y) - body.radius
+        for share in (0.3, 0.95):
+            r = body.radius + share * STILL * room
+            px, py = body.x + r * np.cos(angles), body.y + r * np.sin(angles)
+            free = np.all([np.hypot(px - c.x, py - c.y) > c.radius for c in (geometry.wall_outer, *geometry.bones)], 0)
+            points = mesh(px[free], py[free], np.full(free.sum(), 0.119))
+            assert np.all(shape(points) == 0.0)
+    towards = -0.7 * pi  # away from the bones
+    px, py = 54.0e-3 * np.cos(towards), 54.0e-3 * np.sin(towards)
+    ux, uy, uz = shape(mesh(px, py, 0.119))
+    scale = geometry.taper * (2 * 0.119 / 0.12 - 1)
+    assert (ux, uy, uz) == pytest.approx((scale * px, scale * py, 0.0), rel=1e-3)
+
+
+def test_no_taper_no_map(calf: Domain) -> None:
+    assert calf.geometry.shape_map() is None
+    assert calf.mesh.deformation is None
+
+
+def test_tube_is_a_vein_without_bones() -> None:
+    tube = TubeSegment(length=30e-3, lumen_diameter=8e-3, mesh=MeshSettings(far_size=8e-3, axial_layers=2))
+    domain = domain_of(tube)
+    assert domain.volume() == pytest.approx(pi * 20e-3**2 * 30e-3, rel=1e-4)
+    assert {"tibia", "fibula"}.isdisjoint(domain.mesh.GetBoundaries())
+    assert tube.vein_centre == (0.0, 0.0)
+    with pytest.raises(GeometryError, match="vein wall and skin overlap"):
+        TubeSegment(outer_radius=6e-3)
+
+
+def test_geometry_survives_a_file() -> None:
+    geometry = CalfSegment(lumen_diameter=8e-3, mesh=MeshSettings(lumen_radii=(0.9, 0.7)))
+    assert CalfSegment.from_dict(geometry.to_toml_dict()) == geometry
+    written = CalfSegment.from_dict({"lumen_diameter_mm": 8.0, "mesh": {"lumen_radii": [0.9, 0.7]}})
+    assert written == geometry
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_elements_conform(element: Any) -> None:
+    """Neighbours share whole facets: x y z is exact in H1; every facet with one element has a boundary element."""
+    mesh = Mesh(TubeSegment(mesh=MeshSettings(element=element, axial_layers=2, far_size=8e-3)).netgen_mesh())
+    field = GridFunction(H1(mesh, order=3))
+    field.Set(x * y * z)
+    assert Integrate((Grad(field) - CF((y * z, x * z, x * y))) ** 2, mesh, order=8) < 1e-24
+    outer = [e for e in mesh.Elements(BND) if e.mat not in ("interface", "wall_outer", "lumen_layer")]
+    assert len(outer) == sum(1 for facet in mesh.facets if len(facet.elements) == 1)
+
+
+def test_pairs_of_parts_are_all_covered() -> None:
+    assert {frozenset(p) for p in COLLISIONS} == {
+        frozenset(p) for p in combinations(("vein wall", "tibia", "fibula", "skin"), 2)
+    }

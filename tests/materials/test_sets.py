@@ -1,0 +1,98 @@
+"""The shipped parameter sets hold the printed numbers, and the table says what is odd about them."""
+
+from __future__ import annotations
+
+import pytest
+
+from ngfsi.errors import MaterialError
+from ngfsi.materials import MooneyRivlin, NeoHookean, Newtonian, SaintVenantKirchhoff, available_sets, load_set, table
+from ngfsi.materials.parameter_sets import read_set
+
+# (c10, c01, c11, K) in Pa: thesis chapter 4, K of subjects 1-4; the review's table 2 with K of subject 1 over ten
+MOONEY_RIVLIN = {
+    "mooney_rivlin_s1": (13100.0, -9610.0, 8860.0, 28450.0),
+    "mooney_rivlin_s2": (13100.0, -9610.0, 8860.0, 22690.0),
+    "mooney_rivlin_s3": (13100.0, -9610.0, 8860.0, 22930.0),
+    "mooney_rivlin_s4": (13100.0, -9610.0, 8860.0, 35410.0),
+    "mooney_rivlin_tenth": (1310.0, -961.0, 886.0, 2845.0),
+}
+# (C10, Kv) in Pa and the initial bulk modulus that follows
+NEO_HOOKEAN = {
+    "neo_hookean_printed": (89600.0, 69500.0, 139000.0),
+    "neo_hookean_printed_named": (89600.0, 69500.0, 69500.0),
+    "neo_hookean_likely": (11500.0, 71900.0, 71900.0),
+}
+
+
+def test_nothing_ships_unchecked() -> None:
+    assert set(available_sets()) == {*MOONEY_RIVLIN, *NEO_HOOKEAN, "vein_wall", "blood"}
+
+
+@pytest.mark.parametrize("name", MOONEY_RIVLIN)
+def test_mooney_rivlin_sets(name: str) -> None:
+    law = load_set(name)
+    assert isinstance(law, MooneyRivlin)
+    assert (law.c10, law.c01, law.c11, law.K) == MOONEY_RIVLIN[name]
+    assert law.label == name
+
+
+@pytest.mark.parametrize("name", NEO_HOOKEAN)
+def test_neo_hookean_sets(name: str) -> None:
+    law = load_set(name)
+    assert isinstance(law, NeoHookean)
+    assert (law.C10, law.Kv, law.bulk_modulus) == NEO_HOOKEAN[name]
+
+
+def test_wall_and_blood() -> None:
+    wall, blood = load_set("vein_wall"), load_set("blood")
+    assert isinstance(wall, SaintVenantKirchhoff)
+    assert (wall.young, wall.poisson) == (133e3, 0.49)
+    assert isinstance(blood, Newtonian)
+    assert (blood.density, blood.viscosity) == (1060.0, 0.0035)
+
+
+@pytest.mark.parametrize("name", available_sets())
+def test_every_set_says_where_it_comes_from(name: str) -> None:
+    entry = read_set(name)
+    for text in (entry.title, entry.source, entry.remark):
+        assert len(text) > 10
+        assert "\n" not in text
+
+
+def test_changes_in_si_or_with_a_unit() -> None:
+    assert load_set("mooney_rivlin_s1", K=30e3).K == load_set("mooney_rivlin_s1", K_kPa=30).K == 30e3
+    assert load_set("mooney_rivlin_s1", K_kPa=30).label == "mooney_rivlin_s1 (K_kPa=30)"
+    assert load_set("mooney_rivlin_s1", K_kPa=30, label="stiffer").label == "stiffer"
+    assert load_set("mooney_rivlin_s1").K == 28450.0  # the set itself is untouched
+
+
+def test_unknown_set_and_refused_change() -> None:
+    with pytest.raises(MaterialError, match="did you mean 'mooney_rivlin_s1'"):
+        load_set("mooney_rivlin_1")
+    with pytest.raises(MaterialError, match=r"^K_kPa = -1 is not accepted: a number greater than 0 is wanted$"):
+        load_set("mooney_rivlin_s1", K_kPa=-1)
+    with pytest.raises(MaterialError, match="'C10_kPa' is not a known key: did you mean 'c10_kPa'"):
+        load_set("mooney_rivlin_s1", C10_kPa=1)
+
+
+def test_table_gives_initial_moduli_and_flags() -> None:
+    rows = {row.name: row for row in table()}
+    assert set(rows) == set(available_sets())
+
+    m = rows["mooney_rivlin_s1"]
+    assert (m.shear_modulus, m.bulk_modulus) == pytest.approx((6980.0, 28450.0), rel=1e-13)
+    assert m.youngs_modulus == pytest.approx(19356.97, rel=1e-6)
+    assert m.poissons_ratio == pytest.approx(0.386602, rel=1e-5)
+    assert m.flags == ()
+
+    named = rows["neo_hookean_printed_named"]
+    assert named.poissons_ratio == pytest.approx(-0.19332, rel=1e-4)
+    assert named.flags == ("negative Poisson ratio",)
+    literal = rows["neo_hookean_printed"]
+    assert literal.poissons_ratio == pytest.approx(0.04914, rel=1e-3)
+    assert literal.flags == ("stated bulk modulus 69.5 kPa is not the initial bulk modulus 139 kPa",)
+    assert rows["neo_hookean_likely"].flags == ()
+    assert rows["neo_hookean_likely"].poissons_ratio == pytest.approx(0.35547, rel=1e-4)
+
+    blood = rows["blood"]
+    assert (blood.viscosity, blood.shear_modulus, blood.flags) == (0.0035, None, ())
