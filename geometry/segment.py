@@ -54,11 +54,11 @@ class MeshSettings(Section):
     )
     wall_layers: int = Field(1, ge=1, le=8, description="number of element layers through the vein wall")
     curving_order: int = Field(
-        4,
+        3,
         ge=1,
         le=8,
-        description="polynomial order of the curved elements; Netgen curves the quadrilateral faces of prisms by their "
-        "edges but the boundary elements on them also inside: 1e-4 of the radius apart at order 3, 1e-6 from order 4",
+        description="polynomial order of the curved elements; best the order of the displacement: with a lower one thin "
+        "walls bend wrongly, with a higher one linear fields are not exact",
     )
 
     @model_validator(mode="after")

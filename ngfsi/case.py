@@ -101,6 +101,8 @@ class Solver(Section):
     max_iterations: int = Field(default=25, ge=1)
     linear: Literal["auto", "pardiso", "umfpack"] = "auto"
     """auto: pardiso where MKL is installed, else umfpack."""
+    compile: bool = True
+    """Compile the forms to machine code where a C++ compiler is found: costs about 20 s, and pays from 10 steps on."""
 
 
 class Output(Section):

@@ -15,7 +15,7 @@ import ngsolve
 from ngsolve import BND, VOL, CoefficientFunction, GridFunction, Mesh, Projector, Region, VectorH1
 
 from ngfsi.errors import MeshError, RegionError, unknown
-from ngfsi.meshing import TIMEOUT, MeshReport, check_shape, generate, quiet
+from ngfsi.meshing import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
 
 LARGEST_VOLUME_ERROR = 0.01
 """Relative; a mesh that lost its curvature has several times as much."""
@@ -58,7 +58,7 @@ class Domain:
     """The reference shape: mesh, regions and boundaries.
 
     Attributes:
-        mesh: curved NGSolve mesh in metres, moved by the geometry's shape map if it has one.
+        mesh: NGSolve mesh in metres, straight, with the displacement to the curved reference shape set as deformation.
         geometry: what was meshed.
         report: how the mesh came about.
     """
@@ -68,10 +68,10 @@ class Domain:
         self.geometry = geometry
         self.report = report
         self._check_names()
-        self._shape = self._interpolate_shape_map()
+        # must live as long as the mesh
+        self._shape = shape_of(mesh, geometry)
         self._quality = check_shape(mesh, self._shape)
-        if self._shape is not None:
-            mesh.SetDeformation(self._shape)
+        mesh.SetDeformation(self._shape)
         self._volume_errors = self._check_volumes()
 
     @classmethod
@@ -87,9 +87,7 @@ class Domain:
         """
         straight, report = generate(geometry, timeout=timeout, cache=cache)
         with quiet():
-            mesh = Mesh(straight)
-            mesh.Curve(geometry.curving_order)
-        return cls(mesh, geometry, report)
+            return cls(Mesh(straight), geometry, report)
 
     def materials(self, *names: str) -> Region:
         """Return the union of regions; without names all of them."""
@@ -175,22 +173,3 @@ class Domain:
                 "elements smaller or the curving order higher"
             )
         return errors
-
-    def _interpolate_shape_map(self) -> GridFunction | None:
-        """Return the shape map as a grid function (which must live as long as the mesh), if there is one.
-
-        NGSolve projects element by element and averages, which would blur the shape of the skin: the boundaries are
-        therefore projected on their own, the first of `boundary_names` last, so that it is exact on its rims too.
-        """
-        displacement = self.geometry.shape_map()
-        if displacement is None:
-            return None
-        space = VectorH1(self.mesh, order=self.geometry.curving_order)
-        shape, part = GridFunction(space), GridFunction(space)
-        shape.Set(displacement)
-        for name in reversed(self.geometry.boundary_names):
-            boundary = self.boundaries(name)
-            part.Set(displacement, definedon=boundary)
-            Projector(space.GetDofs(boundary), False).Project(shape.vec)
-            shape.vec.data += part.vec
-        return shape

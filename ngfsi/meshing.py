@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from platformdirs import user_cache_dir
 
+from ngfsi.curving import reference_shape
 from ngfsi.errors import MeshError
 
 if TYPE_CHECKING:
@@ -117,9 +118,15 @@ def main(work: Path) -> None:
     with quiet():
         geometry.netgen_mesh(attempt).Save(str(unchecked))
         mesh = ngsolve.Mesh(load(unchecked))
-        mesh.Curve(geometry.curving_order)
-    check_shape(mesh)
+        check_shape(mesh, shape_of(mesh, geometry))
     unchecked.rename(work / MESH_FILE)
+
+
+def shape_of(mesh: Any, geometry: Geometry) -> Any:
+    """Return the displacement from a geometry's straight mesh to its reference shape."""
+    names = set(mesh.GetBoundaries())
+    boundaries = [name for name in (*geometry.boundary_names, *geometry.internal_names) if name in names]
+    return reference_shape(mesh, boundaries, geometry.curving_order, geometry.shape_map())
 
 
 def load(path: Path) -> Any:
@@ -141,16 +148,15 @@ def quiet() -> Iterator[None]:
         ngsolve.ngsglobals.msg_level = level
 
 
-def jacobian_ratios(mesh: Any, shape: Any = None) -> NDArray[np.float64]:
+def jacobian_ratios(mesh: Any, shape: Any) -> NDArray[np.float64]:
     """Return for each element the smallest over the largest Jacobian determinant of its map.
 
-    1 is an affine element, 0 or less one that is inverted somewhere. `shape`: displacement of the mesh, a grid
-    function; the mesh itself must have no deformation set.
+    1 is an affine element, 0 or less one that is inverted somewhere. `shape`: displacement of the straight mesh, a
+    grid function; the mesh itself must have no deformation set.
     """
     rules = {element: ngsolve.IntegrationRule(element, order) for element, order in RULE_ORDER.items()}
     determinant = ngsolve.Det(ngsolve.specialcf.JacobianMatrix(3))
-    if shape is not None:
-        determinant = determinant * ngsolve.Det(ngsolve.Id(3) + ngsolve.Grad(shape))
+    determinant = determinant * ngsolve.Det(ngsolve.Id(3) + ngsolve.Grad(shape))
     kinds = [element.type for element in mesh.Elements(ngsolve.VOL)]
     values = determinant(mesh.MapToAllElements(rules, ngsolve.VOL)).ravel()
     ends = np.cumsum([len(rules[kind].weights) for kind in kinds])
@@ -161,17 +167,16 @@ def jacobian_ratios(mesh: Any, shape: Any = None) -> NDArray[np.float64]:
     return ratios
 
 
-def check_shape(mesh: Any, shape: Any = None) -> float:
+def check_shape(mesh: Any, shape: Any) -> float:
     """Return the worst Jacobian ratio of the elements; raise MeshError when a curved element is inverted somewhere."""
     ratios = jacobian_ratios(mesh, shape)
     bad = np.flatnonzero(~(ratios > 0))
     if len(bad):
         worst = mesh[ngsolve.ElementId(ngsolve.VOL, int(np.argmin(ratios)))]
         x, y, z = np.mean([mesh[v].point for v in worst.vertices], axis=0) * 1e3
-        gentler = "deform the shape less, or " if shape is not None else ""
         raise MeshError(
             f"{len(bad)} of {mesh.ne} curved elements are inverted, the worst in region '{worst.mat}' near "
-            f"({x:.3g}, {y:.3g}, {z:.3g}) mm: {gentler}make elements along curved surfaces shorter or layers thicker"
+            f"({x:.3g}, {y:.3g}, {z:.3g}) mm: make elements along curved surfaces shorter or layers thicker"
         )
     return float(ratios.min())
 

@@ -19,7 +19,6 @@ REPORT = MeshReport("direct", (), 0.0)
 
 def domain_of(geometry: TubeSegment, order: int | None = None) -> Domain:
     mesh = Mesh(geometry.netgen_mesh())
-    mesh.Curve(order or geometry.curving_order)
     return Domain(mesh, geometry, REPORT)
 
 

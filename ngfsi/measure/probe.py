@@ -33,16 +33,20 @@ class Probe:
         regions = (*self.domain.geometry.solids, self.fluid)
         self._points = {name: self.domain.mesh.MapToAllElements(rules, self.domain.materials(name)) for name in regions}
         self._integrals = self._define()
+        self._known: dict[str, float] = {}
 
     def refresh(self) -> None:
         """Take the system's present state."""
         self.wall.refresh()
         self.sections.refresh()
         self.shear = self.wall.statistics()
+        self._known.clear()
 
     def integral(self, name: str) -> float:
-        """Return a named integral of the present state (see `_define`), SI."""
-        return float(ng.Integrate(self._integrals[name], self.domain.mesh))
+        """Return a named integral of the present state (see `_define`), SI; computed once per state."""
+        if name not in self._known:
+            self._known[name] = float(ng.Integrate(self._integrals[name], self.domain.mesh))
+        return self._known[name]
 
     def smallest_jacobian(self, region: str) -> float:
         """Return the smallest det F of a region's quadrature points."""

@@ -24,7 +24,7 @@ MERGE_DISTANCE = 1e-7
 
 GMSH_PRISM = [0, 1, 2, 3, 4, 5, 6, 8, 12, 7, 13, 14, 9, 11, 10, 15, 17, 16]
 """Place in VTK of each node of Gmsh's 18-node prism (Gmsh manual, node ordering), which meshio leaves to the caller."""
-STRAIGHT = {"wedge18": ("wedge", 6), "tetra10": ("tetra", 4)}
+STRAIGHT = {"wedge18": ("wedge", 6), "tetra10": ("tetra", 4), "hexahedron20": ("hexahedron", 8)}
 """Curved cell -> the straight one and how many of the nodes it keeps."""
 
 
@@ -32,8 +32,8 @@ def export(run: StoredRun, time: float, fmt: str, destination: Path | None = Non
     """Write the fields stored nearest to `time` [s] and return the file and the time of those fields.
 
     All formats hold the deformed mesh with its regions: as cell field `region` or, in gmsh and abaqus, as named sets of
-    cells. Cells are curved but for abaqus, whose straight ones carry no fields. Neighbours share their nodes; on the
-    border of blood and tissue the fields are those of the blood.
+    cells. Cells are curved, but straight for abaqus, and for xdmf where they are of several kinds; abaqus has no
+    fields. Neighbours share their nodes; on the border of blood and tissue the fields are those of the blood.
 
     Args:
         run: a stored run.
@@ -50,8 +50,10 @@ def export(run: StoredRun, time: float, fmt: str, destination: Path | None = Non
     found = min(run.field_times(), key=lambda stored: abs(stored - time))
     path = destination or run.path / "export" / f"t_{found:.6g}s{SUFFIX[fmt]}"  # type: ignore[index]
     mesh = _mesh(grid)
+    if fmt == "abaqus" or (fmt == "xdmf" and len(mesh.cells) > 1):
+        mesh = _straight(mesh)
     if fmt in ("gmsh", "abaqus"):
-        mesh = _with_sets(mesh, [str(name) for name in grid.field_data["regions"]], straight=fmt == "abaqus")
+        mesh = _with_sets(mesh, [str(name) for name in grid.field_data["regions"]])
     with explained(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         meshio.write(path, mesh, file_format=MESHIO_FORMAT.get(fmt, fmt))
@@ -73,14 +75,26 @@ def _mesh(grid: pv.UnstructuredGrid) -> meshio.Mesh:
     )
 
 
-def _with_sets(mesh: meshio.Mesh, regions: list[str], *, straight: bool) -> meshio.Mesh:
-    """Return the mesh with the regions as named sets, and with straight cells or with prisms in the order of Gmsh."""
-    numbers = mesh.cell_data[REGION]
-    points, blocks = _straight(mesh) if straight else (mesh.points, [_gmsh(block) for block in mesh.cells])
+def _straight(mesh: meshio.Mesh) -> meshio.Mesh:
+    """Return the mesh with straight cells between the corners alone."""
+    kinds = [STRAIGHT[block.type] for block in mesh.cells]
+    corners = [block.data[:, :nodes] for block, (_, nodes) in zip(mesh.cells, kinds, strict=True)]
+    used = np.unique(np.concatenate([block.ravel() for block in corners]))
     return meshio.Mesh(
-        points=points,
-        cells=blocks,
-        point_data={} if straight else mesh.point_data,
+        points=mesh.points[used],
+        cells=[(name, np.searchsorted(used, block)) for (name, _), block in zip(kinds, corners, strict=True)],
+        point_data={name: values[used] for name, values in mesh.point_data.items()},
+        cell_data=mesh.cell_data,
+    )
+
+
+def _with_sets(mesh: meshio.Mesh, regions: list[str]) -> meshio.Mesh:
+    """Return the mesh with the regions as named sets, and with the nodes of curved prisms in the order of Gmsh."""
+    numbers = mesh.cell_data[REGION]
+    return meshio.Mesh(
+        points=mesh.points,
+        cells=[_gmsh(block) for block in mesh.cells],
+        point_data=mesh.point_data,
         cell_data={tag: [block + 1 for block in numbers] for tag in ("gmsh:physical", "gmsh:geometrical")},
         field_data={name: np.array([i + 1, 3]) for i, name in enumerate(regions)},
         cell_sets={name: [np.flatnonzero(block == i) for block in numbers] for i, name in enumerate(regions)},
@@ -89,12 +103,3 @@ def _with_sets(mesh: meshio.Mesh, regions: list[str], *, straight: bool) -> mesh
 
 def _gmsh(block: Any) -> tuple[str, Any]:
     return block.type, block.data[:, GMSH_PRISM] if block.type == "wedge18" else block.data
-
-
-def _straight(mesh: meshio.Mesh) -> tuple[Any, list[tuple[str, Any]]]:
-    """Return the corners alone and the cells between them."""
-    kinds = [STRAIGHT[block.type] for block in mesh.cells]
-    corners = [block.data[:, :nodes] for block, (_, nodes) in zip(mesh.cells, kinds, strict=True)]
-    used = np.unique(np.concatenate([block.ravel() for block in corners]))
-    blocks = [(name, np.searchsorted(used, block)) for (name, _), block in zip(kinds, corners, strict=True)]
-    return mesh.points[used], blocks

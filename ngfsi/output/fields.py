@@ -25,6 +25,13 @@ REGION = "region"
 CELL_ORDER = 2
 """Higher ones make files large without being seen, and hardly any program but ParaView reads them."""
 
+MIRRORED = {
+    pv.CellType.QUADRATIC_TETRA: [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
+    pv.CellType.QUADRATIC_HEXAHEDRON: [4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11, 16, 17, 18, 19],
+    pv.CellType.BIQUADRATIC_QUADRATIC_WEDGE: [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8, 12, 13, 14, 15, 16, 17],
+}
+"""Order of the nodes that turns a cell of negative volume into the same cell of positive volume."""
+
 
 class FieldWriter:
     """Writes the fields of a run into its folder."""
@@ -73,6 +80,7 @@ class FieldWriter:
         written = raw.with_suffix(".vtu")
         grid = pv.read(written)
         written.unlink()
+        _orient(grid)
         grid.points += grid.point_data[DISPLACEMENT]
         grid.cell_data[REGION] = self._cell_regions
         grid.field_data["regions"] = self._regions
@@ -83,6 +91,15 @@ class FieldWriter:
         partial = path.with_name(f"part-{path.name}")
         grid.save(partial)
         partial.replace(path)
+
+
+def _orient(grid: pv.UnstructuredGrid) -> None:
+    """Renumber the nodes of cells that NGSolve wrote with negative volume: its tetrahedra turn the other way."""
+    negative = grid.compute_cell_sizes()["Volume"] < 0
+    nodes = grid.cell_connectivity
+    for kind, order in MIRRORED.items():
+        first = grid.cell_offsets[:-1][negative & (grid.celltypes == kind)]
+        nodes[first[:, None] + np.arange(len(order))] = nodes[first[:, None] + order]
 
 
 def wall_grid(wall: WallSample) -> pv.UnstructuredGrid:

@@ -30,13 +30,14 @@ class Group:
     Attributes:
         label: what stands beside the line.
         run: drawn as a line.
-        band: runs whose range is shaded, e.g. the same material with other parameters.
+        band, band_label: runs whose range is shaded, e.g. the same material with other parameters, and what they are.
         colour: any of Matplotlib's.
     """
 
     label: str
     run: StoredRun
     band: tuple[StoredRun, ...] = ()
+    band_label: str = ""
     colour: str = COLOURS[0]
 
 
@@ -50,7 +51,7 @@ def time_series(
     events: Sequence[tuple[float, str]] = (),
     values: Sequence[tuple[float, str]] = (),
 ) -> None:
-    """Draw a quantity over time.
+    """Draw a quantity over time; a cross marks the last value of a run that did not reach its end.
 
     Args:
         groups: what to compare.
@@ -65,9 +66,11 @@ def time_series(
     for group in groups:
         times = group.run.series["time_s"]
         axes.plot(times, quantity(group.run), color=group.colour, marker="o", markersize=2.5, label=group.label)
+        if group.run.status != "completed":  # it could not go on from here
+            axes.plot(times[-1:], quantity(group.run)[-1:], color=group.colour, marker="X", markersize=8)
         if group.band:
             low, high = _range((group.run, *group.band), quantity, times)
-            axes.fill_between(times, low, high, color=group.colour, alpha=0.2, linewidth=0)
+            axes.fill_between(times, low, high, color=group.colour, alpha=0.2, linewidth=0, label=group.band_label)
         if comparison:
             axes.plot(times, comparison[1](group.run), color=group.colour, linestyle="--", linewidth=1.1)
     if comparison:
@@ -151,7 +154,7 @@ def _range(runs: Sequence[StoredRun], quantity: Callable[[StoredRun], Array], ti
 
 def _legend_below(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3), frameon=False, fontsize=9)
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
 
 
 def _figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:

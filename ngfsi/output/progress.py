@@ -114,9 +114,10 @@ class Watch:
             folder = self._runs[key][0]
             if folder.exists():
                 self._bar.start_task(task)
-            times = read_table(folder / SERIES).get("time_s", ())
-            if len(times):
-                self._bar.update(task, completed=times[-1], detail=f"t = {times[-1]:.4g} s")
+            table = read_table(folder / SERIES)
+            if table and len(table["time_s"]):
+                time = float(table["time_s"][-1])
+                self._bar.update(task, completed=time, detail=f"t = {time:.4g} s")
 
     def finished(self, key: str, failure: str) -> None:
         """Show that a run ended, by itself or (`failure` not empty) with an error."""

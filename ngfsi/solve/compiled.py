@@ -8,7 +8,7 @@ import sys
 from functools import cache
 from pathlib import Path
 
-from ngsolve import CoefficientFunction
+import ngsolve as ng
 
 DERIVATIVES = 1
 """Residual forms are differentiated once, by Newton's method; compiling second derivatives would double the time."""
@@ -16,16 +16,23 @@ DERIVATIVES = 1
 
 @cache
 def compiler_available() -> bool:
-    """Whether NGSolve's compiler wrapper and a C++ compiler are there; puts the wrapper's folder on the path."""
+    """Whether NGSolve can compile here: tried once, since it needs a C++ compiler and the headers of Python."""
     beside = str(Path(sys.executable).parent)
-    path = os.environ.get("PATH", "")
-    if shutil.which("ngscxx") is None and shutil.which("ngscxx", path=beside):
-        os.environ["PATH"] = os.pathsep.join([path, beside])
-    return shutil.which("ngscxx") is not None and any(map(shutil.which, ("g++", "c++", "clang++")))
+    wrapper = shutil.which("ngscxx", path=beside)
+    if wrapper is None or not any(map(shutil.which, ("c++", "g++"))):
+        return False
+    # NGSolve calls its wrapper by name, and the wrapper calls `python3`: both must be those of this interpreter
+    if os.environ.get("PATH", "").split(os.pathsep)[0] != beside:
+        os.environ["PATH"] = os.pathsep.join([beside, os.environ.get("PATH", "")])
+    try:
+        ng.sin(ng.x).Compile(realcompile=True, wait=True, maxderiv=0)
+    except Exception:  # NGSolve raises its general exception with the compiler's exit
+        return False
+    return True
 
 
-def compiled(integrand: CoefficientFunction, *, native: bool) -> CoefficientFunction:
+def compiled(integrand: ng.CoefficientFunction, *, native: bool) -> ng.CoefficientFunction:
     """Return the integrand as a linear sequence of steps, as machine code if `native` and a compiler is there."""
     if native and compiler_available():
-        return integrand.Compile(realcompile=True, wait=True, maxderiv=DERIVATIVES)
+        return integrand.Compile(realcompile=True, wait=False, maxderiv=DERIVATIVES)
     return integrand.Compile()

@@ -23,7 +23,7 @@ from ngfsi.errors import SolverError
 from ngfsi.solve.linear import Backend, Factorisation
 from ngfsi.solve.system import System, Vector
 
-SLOW = 10
+SLOW = 12
 PATIENCE = 4
 GROWTH = 20.0
 WEIGHT_DRIFT = 1.2

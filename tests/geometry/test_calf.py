@@ -23,7 +23,6 @@ ELEMENTS = ("prism", "mixed", "tetrahedron")
 def domain_of(geometry: VeinSegment) -> Domain:
     """Mesh in this process: the builders are tested here, not the guard around them."""
     mesh = Mesh(geometry.netgen_mesh())
-    mesh.Curve(geometry.curving_order)
     return Domain(mesh, geometry, MeshReport("direct", (), 0.0))
 
 

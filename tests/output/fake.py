@@ -61,7 +61,7 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
             folder.record_cost({"step": number, "time_s": time, "iterations": 4, "factorisations": 1, "wall_s": 0.5})
         if number == 0 or time >= case.time.end - 1e-9:
             displacement.Set(_contraction(stretch))
-            writer.write(time, _wall(stretch))
+            writer.write(time, wall_sample(stretch))
     folder.finish(status, "" if status == "completed" else "the step at 1.5 s did not converge")  # type: ignore[arg-type]
     return open_run(path)
 
@@ -96,7 +96,7 @@ def _rings(stretch: float) -> NDArray[np.float64]:
     x0, y0 = GEOMETRY.vein_centre
     radius = GEOMETRY.lumen_radius * stretch
     ring = np.column_stack([x0 + 1.05 * radius * np.cos(angles), y0 + radius / 1.05 * np.sin(angles), 0 * angles])
-    return np.array([ring + [0, 0, z] for z in np.linspace(0, GEOMETRY.length, 11)])
+    return np.array([np.add(ring, (0, 0, z)) for z in np.linspace(0, GEOMETRY.length, 11)])
 
 
 def _contraction(stretch: float) -> ng.CF:
@@ -107,7 +107,7 @@ def _contraction(stretch: float) -> ng.CF:
     return ng.CF((ng.x - x0, ng.y - y0, 0)) * (stretch - 1) * share
 
 
-def _wall(stretch: float) -> WallSample:
+def wall_sample(stretch: float) -> WallSample:
     around, along = 25, 13
     angle, z = np.meshgrid(np.linspace(0, 2 * np.pi, around), np.linspace(0, GEOMETRY.length, along))
     (x0, y0), radius = GEOMETRY.vein_centre, GEOMETRY.lumen_radius * stretch

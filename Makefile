@@ -1,0 +1,37 @@
+# `make demo` and `make test` need nothing but Python >= 3.11 with venv: they prepare .venv themselves.
+PYTHON ?= python3
+VENV := .venv
+COMMA := ,
+BIN := $(VENV)/bin
+
+# MKL's Pardiso exists for x86-64 only; everywhere else UMFPACK, which NGSolve brings, does the same work
+EXTRAS := $(if $(filter x86_64 amd64,$(shell uname -m)),dev$(COMMA)mkl,dev)
+
+.PHONY: demo test lint types pytest paper clean
+
+demo: $(VENV)/ready
+	$(BIN)/ngfsi study compare_tissues --level demo --output runs/demo
+
+test: lint types pytest
+
+lint: $(VENV)/ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/ready
+	$(BIN)/mypy
+
+pytest: $(VENV)/ready
+	$(BIN)/pytest
+
+paper: $(VENV)/ready
+	$(BIN)/ngfsi study compare_tissues --level paper --output runs/paper
+
+$(VENV)/ready: pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "ngfsi needs Python 3.11 or newer, this is " + sys.version)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[$(EXTRAS)]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache

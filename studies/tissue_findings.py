@@ -1,0 +1,131 @@
+"""What the runs of compare_tissues.py say: losses, shear stress and pressure at the moments the source speaks of."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngfsi.output.stored import StoredRun
+from ngfsi.study import Outcome
+from ngfsi.units import from_si
+
+CLAIMS = Path(__file__).with_name("source_claims.toml")
+ACCURACY = Path(__file__).parents[1] / "docs" / "accuracy.toml"
+HYDROSTATIC = ("tissue_side", "wall_side", "wall_mean")
+SAME_TIME = 1e-9
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A run at one time, held against its state at t = 0 (ratios) and against the unloaded shape.
+
+    Attributes:
+        time: s
+        skin_pressure: Pa
+        loss: share of the lumen's volume lost since t = 0.
+        loss_unloaded: share lost of the volume of the shape without any load.
+        sawss: wall shear stress, mean over the wall [Pa].
+        sawss_ratio: SAWSS over that at t = 0.
+        by_area: ratio that the smaller area alone would give in developed flow, A^(-3/2).
+        by_flow: factor on top of it from the blood that the vein expels itself, in developed flow.
+        by_profile: factor on top of both from the velocity profile, which has no time to develop.
+        pressures: hydrostatic pressure [Pa] by where it is read: tissue_side, wall_side, wall_mean.
+    """
+
+    time: float
+    skin_pressure: float
+    loss: float
+    loss_unloaded: float
+    sawss: float
+    sawss_ratio: float
+    by_area: float
+    by_flow: float
+    by_profile: float
+    pressures: dict[str, float]
+
+    @property
+    def rise(self) -> float:
+        """Rise of SAWSS since t = 0 in percent."""
+        return 100 * (self.sawss_ratio - 1)
+
+    @property
+    def skin_mmhg(self) -> float:
+        """Pressure on the skin in mmHg."""
+        return from_si(self.skin_pressure, "mmHg")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One run: its title, the moments, and why it ended early if it did."""
+
+    title: str
+    run: StoredRun
+    start_sawss: float
+    inflation: float
+    """Volume at t = 0 over the volume without any load, minus one."""
+    ramp_end: Moment
+    """When the skin pressure is reached, or where the run ended before."""
+    end: Moment
+    failure: str
+
+    @property
+    def held(self) -> bool:
+        """Whether the run goes on after the ramp."""
+        return self.end.time > self.ramp_end.time + SAME_TIME
+
+
+def find(title: str, outcome: Outcome) -> Finding | None:
+    """Return what a run says; None when it has not even a state at t = 0."""
+    run = outcome.run
+    if run is None or not len(run.series.get("time_s", ())):
+        return None
+    times = run.series["time_s"]
+    ramp = max(run.case.loads.skin_pressure.breakpoints)
+    first, unloaded = run.series["lumen_volume_m3"][0], run.manifest["reference"]["lumen_volume_m3"]
+    return Finding(
+        title=title,
+        run=run,
+        start_sawss=float(run.series["sawss_Pa"][0]),
+        inflation=float(first / unloaded - 1),
+        ramp_end=_moment(run, int(np.searchsorted(times, ramp + SAME_TIME)) - 1),
+        end=_moment(run, len(times) - 1),
+        failure=outcome.failure,
+    )
+
+
+def _moment(run: StoredRun, row: int) -> Moment:
+    series = run.series
+    volume, sawss, developed = (series[c] for c in ("lumen_volume_m3", "sawss_Pa", "sawss_poiseuille_local_Pa"))
+    left = volume[row] / volume[0]
+    ratio, developed_ratio = sawss[row] / sawss[0], developed[row] / developed[0]
+    by_area = left**-1.5
+    return Moment(
+        time=float(series["time_s"][row]),
+        skin_pressure=float(series["skin_pressure_Pa"][row]),
+        loss=float(1 - left),
+        loss_unloaded=float(1 - volume[row] / run.manifest["reference"]["lumen_volume_m3"]),
+        sawss=float(sawss[row]),
+        sawss_ratio=float(ratio),
+        by_area=float(by_area),
+        by_flow=float(developed_ratio / by_area),
+        by_profile=float(ratio / developed_ratio),
+        pressures={where: float(series[f"p_{where}_Pa"][row]) for where in HYDROSTATIC},
+    )
+
+
+def claims() -> dict[str, Any]:
+    """Return the numbers that the source prints."""
+    return tomllib.loads(CLAIMS.read_text(encoding="utf-8"))
+
+
+def numerical_errors(level: str, path: Path = ACCURACY) -> Mapping[str, float]:
+    """Return the errors measured for a level, `volume_percent` and `sawss_percent`; empty when there are none."""
+    if not path.exists():
+        return {}
+    found: Mapping[str, float] = tomllib.loads(path.read_text(encoding="utf-8")).get(level, {})
+    return found

@@ -1,0 +1,68 @@
+"""Fields in files: deformed points, cells of positive volume, regions and times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import ngsolve as ng
+import numpy as np
+import pytest
+
+from geometry.calf import CalfSegment
+from geometry.segment import MeshSettings
+from ngfsi.domain import Domain
+from ngfsi.output.fields import FieldWriter
+from ngfsi.output.stored import StoredRun
+from tests.output.fake import GEOMETRY, INFLATION, domain, wall_sample
+
+
+@pytest.mark.parametrize("element", ["prism", "mixed", "tetrahedron"])
+def test_volume_cells_are_deformed_whole_and_positive(
+    tmp_path: Path, element: Literal["prism", "mixed", "tetrahedron"]
+) -> None:
+    import pyvista as pv
+
+    mesh = MeshSettings(element=element, axial_layers=2, vein_size=5e-3, far_size=25e-3, lumen_radii=(0.6,))
+    geometry = CalfSegment(mesh=mesh)
+    body = Domain.build(geometry)
+    stretched = ng.GridFunction(ng.VectorH1(body.mesh, order=2))
+    stretched.Set(ng.CF((0, 0, 0.1 * ng.z)))
+    number = body.mesh.MaterialCF({"tissue": 0, "wall": 1, "fluid": 2})
+    writer = FieldWriter(tmp_path, body, {"displacement_m": stretched, "number_1": number})
+    writer.write(0.0, wall_sample(1.0))
+    grid: Any = pv.read(tmp_path / "fields" / "volume_0000.vtu")
+    assert [str(name) for name in grid.field_data["regions"]] == ["tissue", "wall", "fluid"]
+    volumes = grid.compute_cell_sizes()["Volume"]
+    assert volumes.min() > 0
+    for index, name in enumerate(("tissue", "wall", "fluid")):
+        # second-order cells: within some percent of the round shape
+        assert volumes[grid["region"] == index].sum() == pytest.approx(1.1 * geometry.exact_volumes()[name], rel=0.03)
+        region = grid.extract_cells(np.flatnonzero(grid["region"] == index))
+        np.testing.assert_array_equal(region.point_data["number_1"], index)
+    height = grid.points[:, 2]
+    np.testing.assert_allclose(grid.point_data["displacement_m"][:, 2], height * 0.1 / 1.1, atol=1e-8)
+
+
+def test_fields_are_found_by_time(stored: StoredRun) -> None:
+    assert stored.field_times() == [0.0, 1.5]
+    assert stored.field_times("wall") == [0.0, 1.5]
+    radius = GEOMETRY.lumen_radius
+    for asked, area in ((0.2, INFLATION), (2.0, INFLATION * 0.75)):
+        wall = stored.fields(asked, "wall")
+        distance = np.hypot(*(wall.points[:, :2] - GEOMETRY.vein_centre).T)
+        np.testing.assert_allclose(distance, radius * np.sqrt(area), rtol=1e-5)
+
+
+def test_wall_fields(stored: StoredRun) -> None:
+    wall = stored.fields(0.0, "wall")
+    assert wall.n_cells == 24 * 12
+    shear = wall.point_data["wall_shear_Pa"]
+    np.testing.assert_allclose(wall.point_data["wall_shear_magnitude_Pa"], np.linalg.norm(shear, axis=1), rtol=1e-6)
+    assert shear[:, 2].min() == pytest.approx(0.08 / INFLATION**1.5, rel=1e-6)
+    np.testing.assert_array_equal(wall.point_data["pressure_Pa"], 1333.0)
+
+
+def test_the_displacement_is_needed(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="displacement_m"):
+        FieldWriter(tmp_path, domain(), {"pressure_Pa": ng.CF(1.0)})

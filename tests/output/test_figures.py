@@ -1,0 +1,93 @@
+"""Figures: drawn with the values they are given."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ngfsi.output import figures
+from ngfsi.output.figures import COLOURS, Group, outlines, ring_area, time_series
+from ngfsi.output.stored import StoredRun
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The figures that are made during a test."""
+    made: list[Figure] = []
+    original = figures._figure
+
+    def keep(*size: Any) -> tuple[Figure, Any]:
+        figure, axes = original(*size)
+        made.append(figure)
+        return figure, axes
+
+    monkeypatch.setattr(figures, "_figure", keep)
+    return made
+
+
+def other(stored: StoredRun, factor: float, rows: int) -> StoredRun:
+    """Return the run with its SAWSS scaled and cut after some rows, as if it had failed."""
+    run = replace(stored, manifest={**stored.manifest, "status": "failed"})
+    series = {name: column[:rows] for name, column in stored.series.items()}
+    run.__dict__["series"] = {**series, "sawss_Pa": factor * series["sawss_Pa"]}
+    return run
+
+
+def lines(axes: Axes, colour: str) -> list[Any]:
+    return [line for line in axes.get_lines() if line.get_color() == colour and len(line.get_xdata())]
+
+
+def test_time_series(stored: StoredRun, tmp_path: Path, drawn: list[Figure]) -> None:
+    failed = other(stored, 2.0, 4)
+    groups = [Group("M", stored, (failed,), "M, others", COLOURS[0]), Group("N", failed, colour=COLOURS[1])]
+    path = tmp_path / "sawss.png"
+    time_series(
+        groups,
+        lambda run: run.series["sawss_Pa"],
+        "SAWSS [Pa]",
+        path,
+        comparison=("developed", lambda run: run.series["sawss_poiseuille_local_Pa"]),
+        events=[(1.0, "full pressure")],
+    )
+    axes = drawn[0].axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "SAWSS [Pa]")
+    solid, dashed = lines(axes, COLOURS[0])
+    np.testing.assert_array_equal(solid.get_ydata(), stored.series["sawss_Pa"])
+    np.testing.assert_array_equal(dashed.get_ydata(), stored.series["sawss_poiseuille_local_Pa"])
+    _, cross, _ = lines(axes, COLOURS[1])
+    assert (cross.get_marker(), list(cross.get_xdata())) == ("X", [0.75])
+    labels = [text.get_text() for text in drawn[0].legends[0].get_texts()]
+    assert labels == ["M", "M, others", "N", "developed"]
+    assert matplotlib.image.imread(path).std() > 0.05
+
+
+def test_the_band_ends_where_its_runs_end(stored: StoredRun) -> None:
+    failed = other(stored, 2.0, 4)
+    times = stored.series["time_s"]
+    low, high = figures._range((stored, failed), lambda run: run.series["sawss_Pa"], times)
+    np.testing.assert_array_equal(low, stored.series["sawss_Pa"])
+    np.testing.assert_allclose(high, stored.series["sawss_Pa"] * [2, 2, 2, 2, 1, 1, 1])
+
+
+def test_outlines(stored: StoredRun, tmp_path: Path, drawn: list[Figure]) -> None:
+    outlines([Group("M", stored), Group("N", stored)], (0.0, 1.5), tmp_path / "outlines.png")
+    panels = drawn[0].axes
+    assert [panel.get_title() for panel in panels] == ["M", "N"]
+    before, after = (ring_area(np.column_stack(line.get_data())) for line in panels[0].get_lines())
+    assert after / before == pytest.approx(0.75)
+    assert before == pytest.approx(np.pi * 5.55**2 * 1.1, rel=5e-3)  # mm2; a polygon of 48 points
+    assert np.ptp(panels[0].get_xlim()) == pytest.approx(np.ptp(panels[0].get_ylim()))
+    assert "mm" in panels[0].get_xlabel()
+
+
+def test_ring_area() -> None:
+    square = np.array([[0.0, 0], [2, 0], [2, 3], [0, 3]])
+    assert ring_area(square) == 6
+    assert ring_area(np.vstack([square, square[:1]])[::-1]) == 6

@@ -1,0 +1,54 @@
+"""Three-dimensional pictures: drawn in a child process, whose end is survived and told."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from ngfsi.output import render
+from ngfsi.output.render import displacement_picture, wall_shear_picture
+from ngfsi.output.stored import StoredRun
+
+
+def test_pictures(stored: StoredRun, tmp_path: Path) -> None:
+    for name, failure in (
+        ("displacement", displacement_picture({"M": stored}, 1.5, tmp_path / "displacement.png")),
+        ("wall_shear", wall_shear_picture({"M": stored}, [0.0, 1.5], tmp_path / "wall_shear.png")),
+    ):
+        if failure.startswith("3-D pictures need OpenGL"):
+            pytest.skip(failure)
+        assert failure == ""
+        image = matplotlib.image.imread(tmp_path / f"{name}.png")[..., :3]
+        colourful = np.ptp(image, axis=-1) > 0.1
+        assert 0.1 < colourful.mean() < 0.9, name
+
+
+@pytest.mark.parametrize(
+    ("end", "sentence"),
+    [
+        ((-6, "", ""), "3-D pictures need OpenGL, which did not work here (on Debian or Ubuntu: apt-get install"),
+        ((1, "", "Trace\nRuntimeError: no display"), "RuntimeError: no display"),
+        ((1, "OpenGL works\n", "KeyError: 'x'"), "the picture could not be drawn: KeyError: 'x'"),
+    ],
+)
+def test_a_child_that_fails(
+    stored: StoredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: tuple[int, str, str], sentence: str
+) -> None:
+    def run(command: list[str], **_: Any) -> Any:
+        return subprocess.CompletedProcess(command, *end)
+
+    monkeypatch.setattr(render.subprocess, "run", run)
+    old = tmp_path / "old.png"
+    old.write_text("of an earlier run")
+    assert sentence in displacement_picture({"M": stored}, 1.5, old)
+    assert not old.exists()  # nobody shall take it for the new one
+
+
+def test_a_child_that_hangs(stored: StoredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(render, "TIMEOUT", 0.05)
+    assert "took longer than 0.05 s" in wall_shear_picture({"M": stored}, [0.0], tmp_path / "wall.png")

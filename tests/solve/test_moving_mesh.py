@@ -1,0 +1,158 @@
+"""Flows that do not care how the mesh moves: the residual must not either.
+
+The velocity u = A x + c of the deformed shape is a polynomial of the deformed coordinates, so that it lies in the
+finite element space on any mesh. Its acceleration is zero at a fixed place, hence A (velocity of the mesh) at a fixed
+point of the reference shape, and A u following the blood. The expected residual is assembled on the deformed mesh
+itself, without pull-back, rates or mesh velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ngfsi.materials import Newtonian
+from ngfsi.solve.system import System
+from tests.slopes import apply
+from tests.vein import BONED, block, case_of, domain_of, position, randomise
+
+Array = NDArray[np.float64]
+
+THICK = Newtonian(density=1060.0, viscosity=0.5)
+PRESSURE = 30.0
+"""With this fluid (SI) pressure, viscous stress and inertia are of one size."""
+MIXED = np.array([[0.9, 0.3, -0.5], [-0.8, 0.4, 0.7], [0.6, -0.2, 0.5]]) * 20
+"""Velocity gradient (1/s) with strain, rotation and dilation."""
+ALONG, AGAINST = np.array([0.02, -0.01, 0.6]), np.array([0.02, -0.01, -0.6])
+"""Velocities (m/s) with which blood leaves or enters everywhere through the outlet."""
+
+
+class Flow:
+    """The velocity A x + c."""
+
+    def __init__(self, gradient: Array, uniform: Array) -> None:
+        self.A = ng.CF(tuple(gradient.ravel()), dims=(3, 3))
+        self.c = ng.CF(tuple(uniform))
+
+    def __call__(self, place: Any) -> Any:
+        return self.A * place + self.c
+
+
+def prescribed(order: int, flow: Flow) -> System:
+    """Return a system in a random deformed state, moving at random, whose blood flows as given."""
+    geometry = BONED.replace(**{"mesh.curving_order": order})
+    system = System(case_of(geometry, **{"materials.fluid": THICK}), domain_of(geometry))
+    randomise(system)
+    domain, new, A = system.domain, system.new_weight.Get(), flow.A
+    solids, fluid = domain.materials(*domain.geometry.solids), domain.materials(domain.geometry.fluid)
+    d, w, p, e = system.state.components
+    hd, hw, _, he = system.velocity_history.components
+    ad, _, _, ae = system.acceleration_history.components
+    hd.Set(flow(position() + d) - new * d, definedon=solids)
+    wall_velocity, mesh_velocity = new * d + hd, new * (d + e) + hd + he
+    u = flow(position() + d + e)
+    w.Set(u - mesh_velocity, definedon=fluid)
+    ad.Set(A * wall_velocity - new * wall_velocity, definedon=solids)
+    hw.Set(A * mesh_velocity - new * u - ad - ae, definedon=fluid)
+    p.Set(PRESSURE, definedon=fluid)
+    system.outlet_pressure.Set(PRESSURE)
+    return system
+
+
+def residual(system: System) -> Array:
+    """Return the residual of the blood, without tissue and mesh motion."""
+    space = system.unknowns.space
+    momentum, _, outlet = system._fluid_terms(*space.TnT())
+    form = ng.BilinearForm(space, check_unused=False)
+    form += momentum
+    form += outlet
+    return apply(form, system.state.vec, system.values)
+
+
+@contextmanager
+def deformed(system: System) -> Iterator[None]:
+    """Let the mesh be the deformed shape."""
+    mesh, d, e = system.domain.mesh, system.state.components[0], system.state.components[3]
+    reference = mesh.deformation
+    moved = ng.GridFunction(ng.VectorH1(mesh, order=system.unknowns.order))
+    mesh.UnsetDeformation()
+    moved.Set(reference + d + e)
+    mesh.SetDeformation(moved)
+    try:
+        yield
+    finally:
+        mesh.SetDeformation(reference)
+
+
+def expected(system: System, flow: Flow) -> Array:
+    """Return rho A u . v + sigma : grad v - div u q on the deformed shape, with the outlet's traction."""
+    domain, space = system.domain, system.unknowns.space
+    dd, dw, dp, _ = space.TestFunction()
+    v, grad_v, rho, mu = dw + dd, ng.Grad(dw) + ng.Grad(dd), THICK.density, THICK.viscosity
+    with deformed(system):
+        place, n, A = position(), ng.specialcf.normal(3), flow.A
+        u = flow(place)
+        stress = mu * (A + A.trans) - PRESSURE * ng.Id(3)
+        traction = mu * A.trans * n - PRESSURE * n
+        out = ng.InnerProduct(system.state.components[1], n)
+        backflow = rho * ng.IfPos(out, 0, out) * u
+        form = ng.LinearForm(space)
+        form += (rho * (A * u) * v + ng.InnerProduct(stress, grad_v) - ng.Trace(A) * dp) * domain.dx(
+            "fluid", bonus_intorder=4
+        )
+        form += -(traction + backflow) * v * domain.ds("outlet", skeleton=True, bonus_intorder=4)
+        form.Assemble()
+    return np.array(form.vec.FV().NumPy())
+
+
+FLOWS = {
+    "at rest": (0 * MIXED, 0 * ALONG),
+    "uniform": (0 * MIXED, ALONG),
+    "linear": (MIXED, ALONG),
+    "entering through the outlet": (MIXED, AGAINST),
+}
+ACCURACY = {2: 1e-9, 3: 1e-5}
+"""Of the quadrature, which at order 2 is all but exact."""
+
+
+@pytest.mark.parametrize("order", [2, 3])
+@pytest.mark.parametrize("name", FLOWS)
+def test_residual_is_that_of_the_deformed_shape(name: str, order: int) -> None:
+    flow = Flow(*FLOWS[name])
+    system = prescribed(order, flow)
+    found, wanted = residual(system), expected(system, flow)
+    accuracy = 1e-4 if "entering" in name else ACCURACY[order]  # backflow is switched: not a polynomial
+    for row in ("w", "d"):  # with dofs of the inlet, and the forces on the wall
+        size = np.linalg.norm(block(system, row, wanted))
+        assert np.linalg.norm(block(system, row, found - wanted)) < accuracy * size, row
+    mass = np.linalg.norm(block(system, "p", wanted))
+    dilation = np.pi * 5.55e-3**2 * 1e-2 * abs(np.trace(FLOWS[name][0]))
+    assert np.linalg.norm(block(system, "p", found - wanted)) < ACCURACY[order] * mass + 1e-18
+    assert -np.sum(block(system, "p", found)) == pytest.approx(dilation, rel=0.5, abs=1e-18)  # the shape is random
+
+
+@pytest.mark.parametrize(("order", "accuracy"), [(2, 1e-13), (3, 1e-6)])
+def test_uniform_flow_at_uniform_pressure_is_a_solution_on_any_moving_mesh(order: int, accuracy: float) -> None:
+    system = prescribed(order, Flow(0 * MIXED, ALONG))
+    found, free = residual(system), system.unknowns.free()
+    force = np.abs(block(system, "w", found)).max()  # on the inlet, of the pressure there
+    assert force > 0.1 * PRESSURE * np.pi * 5.55e-3**2
+    assert np.abs(block(system, "w", found)[block(system, "w", free)]).max() < accuracy * force
+    flux = np.pi * 5.55e-3**2 * 0.6
+    assert np.abs(block(system, "p", found)).max() < 1e-13 * flux
+
+
+def test_random_meshes_are_really_deformed() -> None:
+    system = prescribed(2, Flow(MIXED, ALONG))
+    fields = system.fields(system.state.components)
+    J = ng.Det(ng.Id(3) + fields.grad_motion)
+    rule = {ng.PRISM: ng.IntegrationRule(ng.PRISM, 4)}
+    values = J(system.domain.mesh.MapToAllElements(rule, system.domain.materials("fluid")))
+    assert 0 < values.min() < 0.8
+    assert values.max() > 1.2

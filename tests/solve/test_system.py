@@ -1,0 +1,85 @@
+"""The coupled system's residual and its derivative, at states that solve nothing."""
+
+from __future__ import annotations
+
+import ngsolve as ng
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ngfsi.physics import terms
+from ngfsi.solve.system import System
+from ngfsi.solve.unknowns import BLOCKS
+from tests.slopes import apply, difference
+from tests.vein import block, case_of, position, randomise, system_of
+
+Array = NDArray[np.float64]
+
+STEP = {"d": 1e-6, "w": 1e-3, "p": 10.0, "e": 1e-6}
+"""Of the differences: small against the random state, large against rounding."""
+
+INDEPENDENT = {("p", "p"), ("e", "w"), ("e", "p")}
+"""Blocks (row, column) that are zero: no stabilisation of the pressure, and nothing but geometry moves the mesh."""
+
+
+@pytest.fixture(scope="module", params=["preload", "prestress"])
+def lively(request: pytest.FixtureRequest) -> System:
+    """A random state, linearised there; for prestress with a random stress-free shape."""
+    system = system_of(case_of(**{"conditions.initial_state": request.param}))
+    randomise(system)
+    if system.relaxation is not None:
+        values = system.relaxation.vec.FV().NumPy()
+        values[:] = 1.5e-4 * np.random.default_rng(8).standard_normal(len(values))
+    system.form.AssembleLinearization(system.state.vec)
+    return system
+
+
+@pytest.mark.parametrize("column", BLOCKS)
+def test_jacobian_by_differences(lively: System, column: str) -> None:
+    part = lively.unknowns.blocks[column]
+    direction = np.zeros(lively.unknowns.size)
+    direction[part] = np.random.default_rng(2).standard_normal(part.stop - part.start)
+    vector, product = lively.state.vec.CreateVector(), lively.state.vec.CreateVector()
+    vector.FV().NumPy()[:] = direction
+    product.data = lively.form.mat * vector
+    exact = np.array(product.FV().NumPy())
+    measured = difference(lively.form, lively.state.vec, direction, STEP[column])
+    for row in BLOCKS:
+        a, b = block(lively, row, exact), block(lively, row, measured)
+        assert np.linalg.norm(a - b) <= 1e-7 * np.linalg.norm(a), (row, column)
+        assert (not np.any(a)) == ((row, column) in INDEPENDENT), (row, column)
+
+
+def test_differences_notice_a_wrong_derivative(lively: System) -> None:
+    """The derivative one rate of 0.1 % away is told apart."""
+    part = lively.unknowns.blocks["w"]
+    direction = np.zeros(lively.unknowns.size)
+    direction[part] = 1.0
+    before = difference(lively.form, lively.state.vec, direction, STEP["w"])
+    rate = lively.new_weight.Get()
+    try:
+        lively.new_weight.Set(1.001 * rate)
+        after = difference(lively.form, lively.state.vec, direction, STEP["w"])
+    finally:
+        lively.new_weight.Set(rate)
+    rows = block(lively, "w", after - before)
+    assert np.linalg.norm(rows) > 1e-5 * np.linalg.norm(block(lively, "w", before))
+
+
+def test_tissue_neither_pushes_nor_turns_itself(lively: System) -> None:
+    """Internal forces have no resultant and, the Cauchy stress being symmetric, no moment about the deformed shape."""
+    space = lively.unknowns.space
+    form = ng.BilinearForm(space, check_unused=False)
+    d, v = space.TrialFunction()[0], space.TestFunction()[0]
+    for name, law in lively.solids.items():
+        work = terms.internal_work(law, ng.Id(3) + ng.Grad(d), ng.Grad(v), lively.stress_free_gradient())
+        form += work * lively.domain.dx(name)
+    forces = block(lively, "d", apply(form, lively.state.vec, lively.values))
+    place = position() + lively.state.components[0]
+    axis = ng.CF((0.3, -0.5, 0.8))
+    motions = [ng.CF((1, 0, 0)), ng.CF((0, 1, 0)), ng.CF((0, 0, 1)), ng.Cross(axis, place) / 1e-2]
+    test = ng.GridFunction(space)
+    for motion in motions:
+        test.components[0].Set(motion, definedon=lively.domain.materials(*lively.domain.geometry.solids))
+        shape = block(lively, "d", np.array(test.vec.FV().NumPy()))
+        assert abs(forces @ shape) < 1e-10 * np.linalg.norm(forces) * np.linalg.norm(shape)

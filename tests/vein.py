@@ -1,0 +1,163 @@
+"""Small veins for the tests of physics, solver and measures: meshes of a few dozen elements, made in this process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.plane import Circle
+from geometry.segment import MeshSettings, VeinSegment
+from geometry.tube import TubeSegment
+from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
+from ngfsi.curves import FlowConstant, PressureConstant
+from ngfsi.domain import Domain
+from ngfsi.materials import CompressibleNeoHookean, Newtonian, load_set
+from ngfsi.meshing import MeshReport, quiet
+from ngfsi.solve.initial import initial_state
+from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.system import System
+from ngfsi.solve.unknowns import BLOCKS, Unknowns
+
+Array = NDArray[np.float64]
+
+BLOOD = Newtonian(density=1060.0, viscosity=3.5e-3)
+TISSUE = CompressibleNeoHookean(young=30e3, poisson=0.3, density=1060.0)
+WALL = load_set("vein_wall")
+
+COARSE = MeshSettings(axial_layers=1, far_size=20e-3, vein_size=6e-3, lumen_radii=(), curving_order=2)
+"""Ten triangles around the lumen and two rings of tissue: for identities that hold on any mesh."""
+
+
+class BonedTube(TubeSegment):
+    """A tube with a bone beside the vein: held by it when its ends slide on rollers, and not symmetric."""
+
+    length: float = 10e-3
+    wall_thickness: float = 2e-3
+    outer_radius: float = 16e-3
+    mesh: MeshSettings = COARSE
+
+    @property
+    def bones(self) -> tuple[Circle, ...]:
+        return (Circle("tibia", -12e-3, 0.0, 2.5e-3),)
+
+
+TUBE = TubeSegment(length=10e-3, wall_thickness=2e-3, outer_radius=14e-3, mesh=COARSE)
+BONED = BonedTube()
+
+
+@cache
+def domain_of(geometry: VeinSegment) -> Domain:
+    """Mesh a geometry without the guarded process."""
+    with quiet():
+        return Domain(ng.Mesh(geometry.netgen_mesh()), geometry, MeshReport("direct", (), 0.0))
+
+
+def case_of(geometry: VeinSegment = BONED, **changes: Any) -> Case:
+    """Return a case with cheap materials and constant loads of the size of the calf's, with changes."""
+    order = geometry.curving_order if geometry.curving_order >= 2 else 2
+    case = Case(
+        name="test",
+        geometry=geometry,
+        materials=Materials(tissue=TISSUE, wall=WALL, fluid=BLOOD),
+        loads=Loads(
+            skin_pressure=PressureConstant(value=0.0),
+            inlet_flow=FlowConstant(value=2.913e-6),
+            outlet_pressure=PressureConstant(value=1333.22),
+        ),
+        conditions=Conditions(),
+        discretisation=Discretisation(order=order),
+        time=TimeStepping(step=0.1, end=0.3),
+        solver=Solver(compile=False),
+    )
+    return case.replace(**changes) if changes else case
+
+
+def system_of(case: Case, *, pinned: bool = False) -> System:
+    """Return the system of a case; `pinned`: without the rigid motions that rollers and loads leave to a tube."""
+    system = System(case, domain_of(case.geometry))
+    if pinned:
+        system.unknowns = Pinned.of(system)
+    return system
+
+
+def steady(case: Case, *, pinned: bool = False) -> tuple[System, Newton]:
+    """Return the system in its steady state at t = 0, and its solver."""
+    system = system_of(case, pinned=pinned)
+    newton = Newton(system, choose_backend(case.solver.linear))
+    initial_state(system, newton, lambda _: None)
+    return system, newton
+
+
+@dataclass(frozen=True)
+class Pinned(Unknowns):
+    """Unknowns of a free tube on rollers, fixed in three points' components, which carry no force in balance."""
+
+    pins: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, system: System) -> Pinned:
+        """Fix one vertex of the skin at z = 0 in x and y, and one opposite to it across their connection."""
+        skin = {v.nr for e in system.domain.boundaries("skin").Elements() for v in e.vertices}
+        points = {nr: np.array(system.domain.mesh[ng.NodeId(ng.VERTEX, nr)].point) for nr in skin}
+        bottom = {nr: p for nr, p in points.items() if abs(p[2]) < 1e-9}
+        first = min(bottom)
+        other = max(bottom, key=lambda nr: float(np.linalg.norm(bottom[nr] - bottom[first])))
+        across = 1 if abs(bottom[other][0] - bottom[first][0]) > abs(bottom[other][1] - bottom[first][1]) else 0
+        space = system.unknowns.space.components[0]
+        numbers = space.GetDofNrs(ng.NodeId(ng.VERTEX, first))[:2]
+        pins = (*numbers, space.GetDofNrs(ng.NodeId(ng.VERTEX, other))[across])
+        given = {f.name: getattr(system.unknowns, f.name) for f in fields(Unknowns)}
+        return cls(**given, pins=pins)
+
+    def free(self, *names: str) -> NDArray[np.bool_]:
+        mask = super().free(*names)
+        mask[list(self.pins)] = False
+        return mask
+
+
+def block(system: System, name: str, vector: Array) -> Array:
+    """Return the part of a vector of all unknowns that belongs to one of them."""
+    return vector[system.unknowns.blocks[name]]
+
+
+def position() -> ng.CoefficientFunction:
+    """Point of the reference shape."""
+    return ng.CF((ng.x, ng.y, ng.z))
+
+
+def set_motion(system: System, motion: ng.CoefficientFunction) -> None:
+    """Deform tissue and lumen by one displacement field of polynomial degree within the order."""
+    domain = system.domain
+    d, _, _, e = system.state.components
+    d.Set(motion, definedon=domain.materials(*domain.geometry.solids))
+    e.Set(motion - d, definedon=domain.materials(domain.geometry.fluid))
+
+
+def randomise(system: System, seed: int = 1, amplitude: float = 4e-4) -> None:
+    """Give state, rates and loads random values of a lively flow in a visibly deformed vein."""
+    rng = np.random.default_rng(seed)
+    scales = {"d": amplitude, "w": 0.1, "p": 1000.0, "e": amplitude}
+    rate = 20.0
+    system.new_weight.Set(rate)
+    system.skin_pressure.Set(700.0)
+    system.outlet_pressure.Set(1300.0)
+    system.flow_rate = 3e-6
+    for name in BLOCKS:
+        part = system.unknowns.blocks[name]
+        size = part.stop - part.start
+        fixed = ~system.unknowns.free()[part]
+        for vector, factor in (
+            (system.state.vec, 1.0),
+            (system.velocity_history.vec, rate),
+            (system.acceleration_history.vec, rate**2 if name != "w" else rate),
+        ):
+            values = scales[name] * factor * rng.standard_normal(size)
+            values[fixed] = 0.0
+            vector.FV().NumPy()[part] = values
+    system.apply_inflow()
