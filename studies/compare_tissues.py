@@ -31,14 +31,14 @@ class Variant(NamedTuple):
 
 VARIANTS = {
     "m_s1": Variant("M, K 28.45 kPa", "mooney_rivlin_s1"),
+    "n_likely": Variant("N, likely constants", "neo_hookean_likely"),
+    "m_tenth": Variant("M / 10", "mooney_rivlin_tenth"),
+    "m_s1_8mm": Variant("M, K 28.45 kPa, lumen 8 mm", "mooney_rivlin_s1", 8e-3),
+    "n_likely_8mm": Variant("N, likely constants, lumen 8 mm", "neo_hookean_likely", 8e-3),
+    "n_printed": Variant("N, printed constants", "neo_hookean_printed"),
     "m_s2": Variant("M, K 22.69 kPa", "mooney_rivlin_s2"),
     "m_s3": Variant("M, K 22.93 kPa", "mooney_rivlin_s3"),
     "m_s4": Variant("M, K 35.41 kPa", "mooney_rivlin_s4"),
-    "m_tenth": Variant("M / 10", "mooney_rivlin_tenth"),
-    "n_likely": Variant("N, likely constants", "neo_hookean_likely"),
-    "n_printed": Variant("N, printed constants", "neo_hookean_printed"),
-    "m_s1_8mm": Variant("M, K 28.45 kPa, lumen 8 mm", "mooney_rivlin_s1", 8e-3),
-    "n_likely_8mm": Variant("N, likely constants, lumen 8 mm", "neo_hookean_likely", 8e-3),
 }
 
 
@@ -53,10 +53,24 @@ class Level(NamedTuple):
 
 
 MAIN = ("m_s1", "n_likely")
+
+
+def _mesh(far: float, near: float, layers: int, lumen_radii: tuple[float, ...]) -> MeshSettings:
+    """Return mesh settings of second-order elements with hexahedra around the vein; sizes in m."""
+    return MeshSettings(
+        element="mixed",
+        far_size=far,
+        vein_size=near,
+        axial_layers=layers,
+        lumen_radii=lumen_radii,
+        curving_order=2,
+    )
+
+
 LEVELS = {
-    "demo": Level(MeshSettings(axial_layers=6, vein_size=3.5e-3), 2, 0.05, 1.0, MAIN),
-    "paper": Level(MeshSettings(axial_layers=10, vein_size=2.5e-3), 2, 0.01, 1.5, tuple(VARIANTS)),
-    "fine": Level(MeshSettings(axial_layers=12, vein_size=2.5e-3, lumen_radii=(0.9, 0.75, 0.5)), 3, 0.01, 1.5, MAIN),
+    "demo": Level(_mesh(25e-3, 3.2e-3, 6, (0.85, 0.55)), 2, 0.05, 1.0, MAIN),
+    "paper": Level(_mesh(20e-3, 2.8e-3, 7, (0.92, 0.78, 0.5)), 2, 0.01, 1.5, tuple(VARIANTS)),
+    "fine": Level(_mesh(14e-3, 2e-3, 9, (0.94, 0.85, 0.7, 0.45)), 2, 0.01, 1.0, MAIN),
 }
 
 

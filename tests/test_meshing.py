@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ngsolve import CF, GridFunction, Mesh, VectorH1, x, y
+from ngsolve import CF, VOL, GridFunction, Mesh, VectorH1, x, y
 
 from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
@@ -135,7 +135,25 @@ def test_unwritable_cache_is_no_obstacle(cache: Path, monkeypatch: pytest.Monkey
 def test_shape_counts_in_the_jacobian() -> None:
     mesh = Mesh(TubeSegment(mesh=COARSE).netgen_mesh())
     shape = GridFunction(VectorH1(mesh, order=3))
-    shape.Set(CF((-40 * x * x, -0.1 * y, 0)))  # folds beyond x = 1 / 80 m
-    assert meshing.check_shape(mesh) > 0.9
-    with pytest.raises(MeshError, match="deform the shape less"):
+    assert meshing.jacobian_ratios(mesh, shape) == pytest.approx(np.ones(mesh.ne), rel=1e-9)  # straight prisms
+    shape.Set(CF((0.2 * x, -0.1 * y, 0)))
+    assert meshing.check_shape(mesh, shape) == pytest.approx(1.0, rel=1e-9)  # stretching leaves them affine
+    shape.Set(CF((-40 * x * x, -0.1 * y, 0)))  # det = 0.9 (1 - 80 x): folds beyond x = 1 / 80 m
+    ratios = meshing.jacobian_ratios(mesh, shape)
+    reach = np.array([max(mesh[v].point[0] for v in e.vertices) for e in mesh.Elements(VOL)])
+    assert np.all(ratios[reach < 1 / 80] > 0)
+    assert np.all(ratios[reach > 1.2 / 80] < 0)
+    with pytest.raises(MeshError, match=r"\d+ of \d+ curved elements are inverted, the worst in region 'tissue'"):
         meshing.check_shape(mesh, shape)
+
+
+def test_ratio_of_a_curved_element() -> None:
+    """A square of deformation x -> x + x^2 / (2 c) has the determinant 1 + x / c at each x."""
+    mesh = Mesh(TubeSegment(mesh=COARSE).netgen_mesh())
+    shape = GridFunction(VectorH1(mesh, order=2))
+    shape.Set(CF((x * x / 0.2, 0, 0)))
+    extents = [[mesh[v].point[0] for v in e.vertices] for e in mesh.Elements(VOL)]
+    ratios = np.array([(1 + min(xs) / 0.1) / (1 + max(xs) / 0.1) for xs in extents])
+    found = meshing.jacobian_ratios(mesh, shape)
+    assert np.all(found >= ratios - 1e-12)  # quadrature points lie inside
+    assert found == pytest.approx(ratios, abs=0.05)

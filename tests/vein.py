@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any
@@ -161,3 +163,18 @@ def randomise(system: System, seed: int = 1, amplitude: float = 4e-4) -> None:
             values[fixed] = 0.0
             vector.FV().NumPy()[part] = values
     system.apply_inflow()
+
+
+@contextmanager
+def deformed(system: System) -> Iterator[None]:
+    """Let the mesh be the deformed shape."""
+    mesh, d, e = system.domain.mesh, system.state.components[0], system.state.components[3]
+    reference = mesh.deformation
+    moved = ng.GridFunction(ng.VectorH1(mesh, order=system.unknowns.order))
+    mesh.UnsetDeformation()
+    moved.Set(reference + d + e)
+    mesh.SetDeformation(moved)
+    try:
+        yield
+    finally:
+        mesh.SetDeformation(reference)

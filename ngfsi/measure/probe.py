@@ -93,11 +93,11 @@ class Probe:
         area = face * ng.Norm(k.cof * normal)
         integrals: dict[str, Any] = {}
         for name, law in self.system.solids.items():
-            p = terms.hydrostatic_pressure(law, strain)
+            p = terms.hydrostatic_pressure(law, strain).Compile()
             side = self.domain.dx(name, element_boundary=True, definedonelements=self._elements_at(name, "wall_outer"))
             integrals[f"p*size {name}@wall_outer"] = p * area * side
             integrals[f"size {name}@wall_outer"] = area * side
-        p_wall = terms.hydrostatic_pressure(self.system.solids["wall"], strain)
+        p_wall = terms.hydrostatic_pressure(self.system.solids["wall"], strain).Compile()
         integrals["p*size wall"] = p_wall * k.J * self.domain.dx("wall")
         integrals["size wall"] = k.J * self.domain.dx("wall")
         return integrals

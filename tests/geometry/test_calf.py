@@ -15,7 +15,7 @@ from geometry.segment import MeshSettings, VeinSegment
 from geometry.tube import TubeSegment
 from ngfsi.domain import Domain
 from ngfsi.errors import GeometryError
-from ngfsi.meshing import MeshReport, jacobian_ratios
+from ngfsi.meshing import MeshReport, shape_of
 
 ELEMENTS = ("prism", "mixed", "tetrahedron")
 
@@ -48,30 +48,31 @@ def test_volumes(element: Any, lumen: float) -> None:
     area = {"fluid": pi * a**2, "wall": pi * ((a + t) ** 2 - a**2)}
     area["tissue"] = pi * (R**2 - 12.5e-3**2 - 7e-3**2 - (a + t) ** 2)
     for region, exact in area.items():
-        assert domain.volume(region) == pytest.approx(exact * 0.12, rel=2e-5), region
+        assert domain.volume(region) == pytest.approx(exact * 0.12, rel=1.5e-4), region
         assert geometry.exact_volumes()[region] == pytest.approx(exact * 0.12, rel=1e-12)
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_volume_error_falls_with_the_curving_order(element: Any) -> None:
-    geometry = CalfSegment(mesh=MeshSettings(element=element))
-    mesh = Mesh(geometry.netgen_mesh())
-    exact, errors = geometry.exact_volumes(), {}
-    for order in (1, 3, 5):
-        mesh.Curve(order)
+    errors = {}
+    for order in (1, 2, 4):
+        geometry = CalfSegment(mesh=MeshSettings(element=element, axial_layers=2, curving_order=order))
+        mesh, exact = Mesh(geometry.netgen_mesh()), geometry.exact_volumes()
+        mesh.SetDeformation(shape_of(mesh, geometry))
         volume = Integrate(CF(1), mesh, order=12, region_wise=True)
         errors[order] = max(abs(volume[k] / exact[name] - 1) for k, name in enumerate(mesh.GetMaterials()))
     assert errors[1] > 1e-2
-    assert errors[3] < 1.5e-4
-    assert errors[5] < 3e-6
+    assert errors[2] < 4e-4
+    assert errors[4] < 2e-6
 
 
 def test_areas(calf: Domain) -> None:
     radius = {"interface": 5.55e-3, "wall_outer": 6.55e-3, "skin": 55e-3, "tibia": 12.5e-3, "fibula": 7e-3}
     for name, r in radius.items():
-        assert calf.area(name) == pytest.approx(2 * pi * r * 0.12, rel=1e-5), name
-    assert calf.area("inlet") == pytest.approx(pi * 5.55e-3**2, rel=5e-6)
-    assert calf.area("wall_top") == pytest.approx(pi * (6.55e-3**2 - 5.55e-3**2), rel=2e-5)
+        accuracy = 5e-4 if name in ("tibia", "fibula") else 5e-5  # few elements around the bones
+        assert calf.area(name) == pytest.approx(2 * pi * r * 0.12, rel=accuracy), name
+    assert calf.area("inlet") == pytest.approx(pi * 5.55e-3**2, rel=1e-4)
+    assert calf.area("wall_top") == pytest.approx(pi * (6.55e-3**2 - 5.55e-3**2), rel=1e-4)
     assert calf.area("tissue_bottom") == pytest.approx(calf.area("tissue_top"), rel=1e-12)
 
 
@@ -97,8 +98,8 @@ def test_ends_and_normals(element: Any) -> None:
         "outer": Integrate(CF((x, y, z)) * n * domain.ds(*body, bonus_intorder=6), mesh) / 3,
         "lumen": Integrate(CF((x, y, z)) * n * domain.ds("interface", "inlet", "outlet", bonus_intorder=6), mesh) / 3,
     }
-    assert through["outer"] == pytest.approx(domain.volume(), rel=1e-5)
-    assert through["lumen"] == pytest.approx(domain.volume("fluid"), rel=1e-5)
+    assert through["outer"] == pytest.approx(domain.volume(), rel=1e-12)
+    assert through["lumen"] == pytest.approx(domain.volume("fluid"), rel=1e-12)
 
 
 def test_layers_are_graded_towards_the_ends() -> None:
@@ -130,7 +131,7 @@ VARIATIONS: list[dict[str, Any]] = [
 def test_every_sensible_choice_gives_valid_elements(dimensions: dict[str, Any]) -> None:
     geometry = CalfSegment(**({"mesh": MeshSettings(axial_layers=2)} | dimensions))
     domain = domain_of(geometry)
-    assert jacobian_ratios(domain.mesh).min() > 0.15
+    assert domain.statistics()["smallest_jacobian_ratio"] > 0.3
     errors = domain.statistics()["relative_volume_errors"]
     assert max(map(abs, errors.values())) < 1.5e-3
 
@@ -179,22 +180,31 @@ def test_impossible_values_are_refused(wrong: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_taper(element: Any) -> None:
+    """The skin becomes a cone as exactly as it was a cylinder; vein and bones stay as they are."""
     a, b, length = 53e-3, 57e-3, 0.12
-    geometry = CalfSegment(
-        skin_radius_distal=a, skin_radius_proximal=b, mesh=MeshSettings(element=element, axial_layers=4)
-    )
-    domain = domain_of(geometry)
+    settings = MeshSettings(element=element, axial_layers=4)
+    geometry = CalfSegment(skin_radius_distal=a, skin_radius_proximal=b, mesh=settings)
+    domain, straight = domain_of(geometry), domain_of(CalfSegment(mesh=settings))
     skin = pi * length * (a * a + a * b + b * b) / 3
     inside = pi * length * (12.5e-3**2 + 7e-3**2 + 6.55e-3**2)
-    assert domain.volume("tissue") == pytest.approx(skin - inside, rel=2e-5)
+    assert domain.volume("tissue") == pytest.approx(skin - inside, rel=5e-5)
     assert geometry.exact_volumes()["tissue"] == pytest.approx(skin - inside, rel=1e-12)
-    assert domain.area("skin") == pytest.approx(pi * (a + b) * sqrt(length**2 + (b - a) ** 2), rel=1e-6)
+    assert domain.area("skin") == pytest.approx(pi * (a + b) * sqrt(length**2 + (b - a) ** 2), rel=1e-5)
     off_cone = (x * x + y * y) ** 0.5 - (a + (b - a) * z / length)
-    assert sqrt(Integrate(off_cone**2 * domain.ds("skin"), domain.mesh) / domain.area("skin")) < 1e-7
-    shape = domain.mesh.deformation
-    moved = Integrate(shape * shape * domain.ds("tibia", "fibula", "wall_outer", "interface"), domain.mesh)
-    assert moved + Integrate(shape * shape * domain.dx("wall", "fluid"), domain.mesh) == 0.0
+    assert sqrt(Integrate(off_cone**2 * domain.ds("skin"), domain.mesh) / domain.area("skin")) < 2e-6
+    for body in ("tibia", "fibula", "wall_outer", "interface"):
+        assert second_moment(domain, domain.ds(body)) == pytest.approx(
+            second_moment(straight, straight.ds(body)), 1e-10
+        )
+    for body in ("wall", "fluid"):
+        assert second_moment(domain, domain.dx(body)) == pytest.approx(
+            second_moment(straight, straight.dx(body)), 1e-12
+        )
     assert domain.statistics()["smallest_jacobian_ratio"] > 0.1
+
+
+def second_moment(domain: Domain, measure: Any) -> float:
+    return float(Integrate((x * x + y * y + z * z) * measure, domain.mesh))
 
 
 def test_taper_map_is_zero_near_vein_and_bones_and_full_at_the_skin() -> None:
@@ -219,7 +229,6 @@ def test_taper_map_is_zero_near_vein_and_bones_and_full_at_the_skin() -> None:
 
 def test_no_taper_no_map(calf: Domain) -> None:
     assert calf.geometry.shape_map() is None
-    assert calf.mesh.deformation is None
 
 
 def test_tube_is_a_vein_without_bones() -> None:

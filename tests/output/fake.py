@@ -48,8 +48,8 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
         reference={"lumen_volume_m3": unloaded_area() * GEOMETRY.length},
         mesh=domain().statistics(),
         unknowns=1234,
-        peak_memory_mb=512.5,
-        timings={"mesh_s": 0.5, "steps_s": 6.0},
+        peak_memory_MB=512.5,
+        seconds={"mesh": 0.5, "steps": 6.0},
     )
     displacement = ng.GridFunction(ng.VectorH1(domain().mesh, order=2))
     writer = FieldWriter(path, domain(), {"displacement_m": displacement, "pressure_Pa": ng.CF(1333.0)})

@@ -8,8 +8,6 @@ itself, without pull-back, rates or mesh velocity.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import ngsolve as ng
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 from ngfsi.materials import Newtonian
 from ngfsi.solve.system import System
 from tests.slopes import apply
-from tests.vein import BONED, block, case_of, domain_of, position, randomise
+from tests.vein import BONED, block, case_of, deformed, domain_of, position, randomise
 
 Array = NDArray[np.float64]
 
@@ -73,21 +71,6 @@ def residual(system: System) -> Array:
     form += momentum
     form += outlet
     return apply(form, system.state.vec, system.values)
-
-
-@contextmanager
-def deformed(system: System) -> Iterator[None]:
-    """Let the mesh be the deformed shape."""
-    mesh, d, e = system.domain.mesh, system.state.components[0], system.state.components[3]
-    reference = mesh.deformation
-    moved = ng.GridFunction(ng.VectorH1(mesh, order=system.unknowns.order))
-    mesh.UnsetDeformation()
-    moved.Set(reference + d + e)
-    mesh.SetDeformation(moved)
-    try:
-        yield
-    finally:
-        mesh.SetDeformation(reference)
 
 
 def expected(system: System, flow: Flow) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import ngsolve as ng
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from ngfsi.physics import terms
 from ngfsi.solve.system import System
 from ngfsi.solve.unknowns import BLOCKS
 from tests.slopes import apply, difference
-from tests.vein import block, case_of, position, randomise, system_of
+from tests.vein import block, case_of, deformed, position, randomise, system_of
 
 Array = NDArray[np.float64]
 
@@ -83,3 +85,30 @@ def test_tissue_neither_pushes_nor_turns_itself(lively: System) -> None:
         test.components[0].Set(motion, definedon=lively.domain.materials(*lively.domain.geometry.solids))
         shape = block(lively, "d", np.array(test.vec.FV().NumPy()))
         assert abs(forces @ shape) < 1e-10 * np.linalg.norm(forces) * np.linalg.norm(shape)
+
+
+def test_inertia_and_skin_pressure_of_the_tissue(lively: System) -> None:
+    """Virtual work of translations: mass times acceleration, and the force of the pressure on the deformed skin."""
+    space, domain = lively.unknowns.space, lively.domain
+    form = ng.BilinearForm(space, check_unused=False)
+    for term in lively._solid_terms(*(functions[0] for functions in space.TnT())):
+        form += term
+    forces = block(lively, "d", apply(form, lively.state.vec, lively.values))
+    d, rate = lively.state.components[0], lively.new_weight.Get()
+    solid_rate = rate * d + lively.velocity_history.components[0]
+    acceleration = rate * solid_rate + lively.acceleration_history.components[0]
+    with deformed(lively):
+        skin = integral(ng.specialcf.normal(3), domain.ds("skin", bonus_intorder=4), domain.mesh)
+    masses = [law.density * integral(acceleration, domain.dx(name), domain.mesh) for name, law in lively.solids.items()]
+    inertia = sum(masses)
+    wanted = inertia + lively.skin_pressure.Get() * skin
+    test, found = ng.GridFunction(space), []
+    for motion in np.eye(3):
+        test.components[0].Set(ng.CF(tuple(motion)), definedon=domain.materials(*domain.geometry.solids))
+        found.append(forces @ block(lively, "d", np.array(test.vec.FV().NumPy())))
+    assert np.linalg.norm(found - wanted) < 1e-6 * np.linalg.norm(inertia)
+    assert np.linalg.norm(inertia) > 1e-2 * np.linalg.norm(wanted)
+
+
+def integral(vector: ng.CoefficientFunction, measure: Any, mesh: ng.Mesh) -> Array:
+    return np.array([ng.Integrate(vector[i] * measure, mesh) for i in range(3)])

@@ -1,0 +1,116 @@
+"""Direct solvers: two backends agree, and condensation solves the whole linearised system."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ngfsi.errors import SolverError
+from ngfsi.solve import linear
+from ngfsi.solve.linear import Backend, Factorisation, choose_backend, pardiso_available
+from ngfsi.solve.system import System
+from ngfsi.solve.unknowns import BLOCKS
+from tests.slopes import difference
+from tests.vein import BONED, block, case_of, randomise, system_of
+
+Array = NDArray[np.float64]
+
+needs_pardiso = pytest.mark.skipif(not pardiso_available(), reason="MKL is not installed")
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def lively(request: pytest.FixtureRequest) -> System:
+    """A random state with (order 3) and without (order 2) unknowns inside of elements."""
+    system = system_of(case_of(BONED.replace(**{"mesh.curving_order": request.param})))
+    randomise(system)
+    assert system.form.condense == (request.param == 3)
+    return system
+
+
+def update(system: System, backend: Backend) -> Array:
+    """One Newton update at the system's state."""
+    factorisation = Factorisation(system.form, system.unknowns.free(), backend)
+    factorisation.renew(system.state.vec)
+    assert factorisation.count == 1
+    residual, result = system.residual(), system.state.vec.CreateVector()
+    residual.FV().NumPy()[~system.unknowns.free()] = 0.0
+    factorisation.solve(residual, result)
+    return np.array(result.FV().NumPy())
+
+
+def test_update_solves_the_linearised_equations(lively: System) -> None:
+    """The derivative of the residual along the update is the residual, in every free row, those inside elements too."""
+    step, free = update(lively, choose_backend("auto")), lively.unknowns.free()
+    assert np.any(step[free])
+    assert not np.any(step[~free])
+    residual = np.array(lively.residual().FV().NumPy())
+    size = 1e-5 * np.abs(block(lively, "d", lively.values)).max() / np.abs(block(lively, "d", step)).max()
+    along = difference(lively.form, lively.state.vec, step, size)
+    for row in BLOCKS:
+        rows = block(lively, row, free)
+        error = block(lively, row, along - residual)[rows]
+        assert np.linalg.norm(error) < 1e-6 * np.linalg.norm(block(lively, row, residual)[rows]), row
+
+
+@needs_pardiso
+def test_backends_agree() -> None:
+    system = system_of(case_of())
+    randomise(system)
+    one, other = update(system, "pardiso"), update(system, "umfpack")
+    for row in BLOCKS:
+        a, b = block(system, row, one), block(system, row, other)
+        assert np.linalg.norm(a - b) < 1e-9 * np.linalg.norm(a), row
+
+
+@pytest.mark.parametrize("backend", [pytest.param("pardiso", marks=needs_pardiso), "umfpack"])
+def test_factors_outlive_the_state_until_renewed(backend: Backend) -> None:
+    system = system_of(case_of())
+    randomise(system)
+    factorisation = Factorisation(system.form, system.unknowns.free(), backend)
+    right, result = system.state.vec.CreateVector(), system.state.vec.CreateVector()
+    loads = np.where(system.unknowns.free(), np.random.default_rng(4).standard_normal(system.unknowns.size), 0.0)
+
+    def solved() -> Array:
+        right.FV().NumPy()[:] = loads
+        factorisation.solve(right, result)
+        return np.array(result.FV().NumPy())
+
+    factorisation.renew(system.state.vec)
+    first = solved()
+    randomise(system, seed=9)
+    assert np.array_equal(solved(), first)
+    factorisation.renew(system.state.vec)
+    assert factorisation.count == 2
+    second = solved()
+    assert np.linalg.norm(second - first) > 0.1 * np.linalg.norm(first)
+    fresh = Factorisation(system.form, system.unknowns.free(), backend)
+    fresh.renew(system.state.vec)
+    factorisation = fresh
+    assert np.linalg.norm(solved() - second) < 1e-9 * np.linalg.norm(second)
+
+
+@pytest.mark.parametrize("backend", [pytest.param("pardiso", marks=needs_pardiso), "umfpack"])
+def test_values_that_are_not_finite_are_reported(backend: Backend) -> None:
+    """As an error of the factorisation, or as an update that Newton refuses."""
+    system = system_of(case_of())
+    randomise(system)
+    system.values[:] = np.nan
+    factorisation = Factorisation(system.form, system.unknowns.free(), backend)
+    right, result = system.state.vec.CreateVector(), system.state.vec.CreateVector()
+    with suppress(SolverError):
+        factorisation.renew(system.state.vec)
+        factorisation.solve(right, result)
+        assert not np.all(np.isfinite(result.FV().NumPy()))
+
+
+def test_choice_of_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert choose_backend("umfpack") == "umfpack"
+    monkeypatch.setattr(linear, "pardiso_available", lambda: False)
+    assert choose_backend("auto") == "umfpack"
+    with pytest.raises(SolverError, match=r"solver.linear = 'pardiso' needs MKL.*ngfsi\[mkl\].*or use 'umfpack'"):
+        choose_backend("pardiso")
+    monkeypatch.setattr(linear, "pardiso_available", lambda: True)
+    assert choose_backend("auto") == choose_backend("pardiso") == "pardiso"

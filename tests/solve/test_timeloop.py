@@ -1,0 +1,240 @@
+"""The time loop on a linear equation whose solution is known: order, kinks of the loads, failing and growing steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from ngfsi.case import Case
+from ngfsi.curves import PressureRamp, PressureTable
+from ngfsi.errors import SolverError
+from ngfsi.solve.newton import Solution
+from ngfsi.solve.schemes import Weights
+from ngfsi.solve.timeloop import History, Step, TimeLoop
+from tests.vein import case_of
+
+Vector = NDArray[np.float64]
+
+DECAY = 3.0
+END = 1.5
+
+
+@dataclass
+class Scalar:
+    """y'' + DECAY y' + 5 y = p(t) in the shape of a System: rates of the state and of its rate, by the same weights."""
+
+    case: Case
+    values: Vector = field(default_factory=lambda: np.zeros(1))
+    unknowns: Any = field(default_factory=lambda: SimpleNamespace(size=1))
+    load: float = 0.0
+    time: float = 0.0
+    weights: list[Weights] = field(default_factory=list)
+
+    def set_loads(self, t: float) -> None:
+        self.time, self.load = t, self.case.loads.skin_pressure(t)
+
+    def set_rates(self, w: Weights, states: tuple[Vector, Vector], rates: tuple[Vector, Vector]) -> None:
+        self.weights.append(w)
+        self.new = w.new
+        self.velocity_history = w.old * states[0] + w.older * states[1]
+        self.acceleration_history = w.old * rates[0] + w.older * rates[1]
+
+    def rates(self) -> Vector:
+        return self.new * self.values + self.velocity_history
+
+    def solve(self) -> None:
+        # a = n (n y + hv) + ha, v = n y + hv
+        n, hv, ha = self.new, self.velocity_history, self.acceleration_history
+        self.values[:] = (self.load - (n + DECAY) * hv - ha) / (n * n + DECAY * n + 5.0)
+
+
+class Fake:
+    """A Newton that solves the scalar equation, unless a rule makes a step from one time to another fail."""
+
+    def __init__(self, system: Scalar, fails: Callable[[float, float], bool]) -> None:
+        self.system, self.fails = system, fails
+        self.time = 0.0
+
+    def solve(self, tolerance: float, max_iterations: int) -> Solution:
+        wanted = self.system.case.solver
+        assert (tolerance, max_iterations) == (wanted.tolerance, wanted.max_iterations)
+        if self.fails(self.time, self.system.time):
+            self.system.values[:] = 1e9
+            raise SolverError("told to fail")
+        self.system.solve()
+        self.time = self.system.time
+        return Solution(iterations=1)
+
+
+RAMP = PressureRamp(final=5.0, start=0.0, duration=1.0)
+
+
+@dataclass
+class Outcome:
+    """What a run gave."""
+
+    steps: list[Step] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
+    system: Any = None
+
+    @property
+    def times(self) -> list[float]:
+        return [step.time for step in self.steps]
+
+    @property
+    def sizes(self) -> list[float]:
+        return [step.size for step in self.steps]
+
+
+def never(_start: float, _end: float) -> bool:
+    return False
+
+
+def run(
+    step: float,
+    load: Any,
+    scheme: str = "bdf2",
+    *,
+    end: float = END,
+    smallest: float = 1e-3,
+    fails: Callable[[float, float], bool] = never,
+    inspect: Callable[[], str] = lambda: "",
+    outcome: Outcome | None = None,
+) -> Outcome:
+    """Run the scalar equation; `outcome` is filled even if the run fails."""
+    case = case_of(
+        **{
+            "time.step": step,
+            "time.end": end,
+            "time.scheme": scheme,
+            "time.smallest_step": smallest,
+            "loads.skin_pressure": load,
+        }
+    )
+    outcome = outcome or Outcome()
+    outcome.system = Scalar(case)
+    newton = Fake(outcome.system, fails)
+    loop = TimeLoop(case, outcome.system, newton, inspect, outcome.lines.append)  # type: ignore[arg-type]
+    for taken in loop.run():
+        outcome.steps.append(taken)
+        outcome.values.append(float(outcome.system.values[0]))
+    return outcome
+
+
+def error(load: Any, step: float, scheme: str) -> float:
+    """Largest error over the steps, against an integrator of high order that is stopped at the kinks."""
+    outcome = run(step, load, scheme)
+    times = np.array(outcome.times)
+    y, t, exact = np.zeros(2), 0.0, []
+    for until in sorted({*(k for k in load.breakpoints if 0 < k < END), END}):
+        inside = times[(times > t + 1e-12) & (times <= until + 1e-12)]
+        result = solve_ivp(
+            lambda s, v: [v[1], load(s) - DECAY * v[1] - 5 * v[0]], (t, until), y, t_eval=inside, rtol=1e-11, atol=1e-13
+        )
+        exact += list(result.y[0])
+        y, t = result.y[:, -1], until
+    return float(np.max(np.abs(np.array(outcome.values) - exact)))
+
+
+OFF = PressureTable(times=(0.0, 0.3713, 0.9027), values=(0.0, 6.0, 1.0))
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("bdf2", 2), ("backward_euler", 1)])
+@pytest.mark.parametrize("load", [RAMP, OFF], ids=["on grid", "off grid"])
+def test_order(scheme: str, order: int, load: Any) -> None:
+    """Also with steps cut short before a kink and restarted after it."""
+    errors = [error(load, step, scheme) for step in (0.05, 0.025, 0.0125, 0.00625, 0.003125)]
+    assert np.log2(errors[0] / errors[-1]) / 4 == pytest.approx(order, abs=0.06)
+
+
+def test_kinks_and_end_are_met_and_the_scheme_restarts_there() -> None:
+    outcome = run(0.2, OFF, end=1.1)
+    times = [0.2, 0.3713, 0.4, 0.6, 0.8, 0.9027, 1.0, 1.1]
+    assert outcome.times == pytest.approx(times, rel=1e-14)
+    assert outcome.sizes == pytest.approx(np.diff([0.0, *times]), rel=1e-12)
+    assert [s.index for s in outcome.steps] == list(range(1, 9))
+    restarted = [w.older == 0 for w in outcome.system.weights]
+    assert restarted == [True, False, True, False, False, False, True, False]
+    simple = run(0.2, OFF, "backward_euler", end=1.1).system
+    assert all(w.older == 0 and w.old == -w.new for w in simple.weights)
+
+
+@pytest.mark.parametrize("step", [0.1, 0.05, 1 / 3, 0.07])
+def test_kinks_on_the_grid_are_no_extra_steps(step: float) -> None:
+    """Sums of these steps are not exactly the kink at 1 s."""
+    outcome = run(step, RAMP)
+    assert min(abs(t - 1.0) for t in outcome.times) < 1e-12
+    assert outcome.times[-1] == END
+    assert min(outcome.sizes) > 0.01 * step
+    assert np.all(np.diff(outcome.times) > 0)
+
+
+def test_planned_number_of_steps() -> None:
+    case = case_of(**{"time.step": 0.2, "time.end": 1.1, "loads.skin_pressure": OFF})
+    assert TimeLoop(case, None, None, lambda: "", print).steps == 8  # type: ignore[arg-type]
+
+
+def test_steps_are_halved_on_failure_and_grow_back() -> None:
+    """Steps longer than 0.03 that start between 0.3 and 0.5 fail."""
+    outcome = run(0.1, RAMP, end=1.0, fails=lambda a, b: 0.3 - 1e-9 < a < 0.5 - 1e-9 and b - a > 0.03)
+    starts = np.array([0.0, *outcome.times[:-1]])
+    sizes = np.array(outcome.sizes)
+    hard = (starts > 0.3 - 1e-9) & (starts < 0.5 - 1e-9)
+    assert np.all(sizes[hard] <= 0.03)
+    assert np.all(sizes[hard] >= 0.0125)  # no smaller than a halving needs
+    assert sizes[~hard][:3] == pytest.approx([0.1] * 3)
+    assert sizes[-3:] == pytest.approx([0.1] * 3)
+    assert np.all(sizes[1:] <= 4 * sizes[:-1] * (1 + 1e-9))
+    assert {round(t, 9) for t in outcome.times} >= {0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0}
+    assert outcome.lines[0] == "t = 0.3 s: a step of 0.1 s failed (told to fail); trying 0.05 s"
+    assert outcome.lines[1] == "t = 0.3 s: a step of 0.05 s failed (told to fail); trying 0.025 s"
+    smooth = run(0.1, RAMP, end=1.0)
+    finer = run(0.00625, RAMP, end=1.0)
+    truth = finer.values[-1]
+    assert abs(outcome.values[-1] - truth) < 1.5 * abs(smooth.values[-1] - truth)
+
+
+def test_an_unacceptable_state_is_a_failed_step() -> None:
+    complaints = iter(["", "", "turned inside out", *[""] * 100])
+    outcome = run(0.25, RAMP, end=1.0, inspect=lambda: next(complaints))
+    assert outcome.sizes == pytest.approx([0.25, 0.25, 0.125, 0.125, 0.25], rel=1e-9)
+    assert "turned inside out" in outcome.lines[0]
+
+
+def test_giving_up() -> None:
+    """With the last accepted state, and a sentence with time, load, size and reason."""
+    outcome = Outcome()
+    with pytest.raises(SolverError) as caught:
+        run(0.1, RAMP, smallest=0.02, fails=lambda _, end: end > 0.52, outcome=outcome)
+    assert outcome.times[-1] == pytest.approx(0.5)
+    assert outcome.system.values[0] == outcome.values[-1]
+    sentence = str(caught.value)
+    assert sentence.startswith(
+        "the run ended at t = 0.5 s with 2.5 Pa on the skin: a step of 0.025 s to t = 0.525 s failed"
+    )
+    assert sentence.endswith("time.smallest_step forbids a smaller one: told to fail")
+    assert len(outcome.lines) == 2
+
+
+def test_predictor_is_the_polynomial_since_the_last_kink() -> None:
+    y = np.polynomial.Polynomial([1.0, -2.0, 3.0])
+    history = History()
+    for t in (0.0, 0.1, 0.15, 0.35):
+        history.push(t, np.array([y(t)]), np.array([0.0]))
+    assert history.times == [0.35, 0.15, 0.1]
+    for smooth, expected in (
+        (0, y(0.35)),
+        (1, y(0.35) + (y(0.35) - y(0.15)) / 0.2 * 0.05),
+        (2, y(0.4)),
+        (7, y(0.4)),
+    ):
+        history.smooth = smooth
+        assert history.extrapolated(0.4)[0] == pytest.approx(expected, rel=1e-12)

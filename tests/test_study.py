@@ -1,0 +1,212 @@
+"""Studies: many cases, what is reused and what is repeated, failures, and the report on the tissues."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+import pytest
+
+from geometry.segment import MeshSettings
+from ngfsi import study
+from ngfsi.case import Case
+from ngfsi.output import RunFolder, open_run
+from ngfsi.study import Outcome, markdown_table, run_cases
+from studies import compare_tissues, tissue_accuracy, tissue_findings
+from studies.tissue_findings import find
+from tests.output.fake import CASE, INFLATION, fake_run
+
+SOFTER = CASE.replace(**{"materials.tissue.K": 20e3})
+
+
+@pytest.fixture
+def computed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The runs that were computed, by a fake in place of the child process; a case named 'bad' fails."""
+    done: list[str] = []
+    lock = Lock()
+
+    def compute(case: Case, folder: Path, *_: Any) -> tuple[int, str]:
+        done.append(folder.name)
+        if case.name == "dead":
+            return -signal.SIGSEGV, ""
+        if case.name == "unmeshable":
+            return 2, "a warning\nno mesh could be made"
+        with lock:  # NGSolve is not made for two threads of Python
+            fake_run(folder, case, status="failed" if case.name == "bad" else "completed")
+        return (3, "long story") if case.name == "bad" else (0, "")
+
+    monkeypatch.setattr(study, "_compute", compute)
+    return done
+
+
+def test_finished_runs_are_reused(tmp_path: Path, computed: list[str]) -> None:
+    first = run_cases({"m": CASE, "n": SOFTER}, tmp_path, quiet=True)
+    assert sorted(computed) == ["m", "n"]
+    assert [outcome.reused for outcome in first.values()] == [False, False]
+    again = run_cases({"n": SOFTER.replace(name="renamed"), "m": CASE}, tmp_path, quiet=True)
+    assert len(computed) == 2
+    assert list(again) == ["n", "m"]
+    assert [outcome.reused for outcome in again.values()] == [True, True]
+    assert again["m"].run is not None
+    assert again["m"].run.case == CASE
+
+
+def test_another_case_is_moved_aside_and_an_unfinished_one_repeated(tmp_path: Path, computed: list[str]) -> None:
+    run_cases({"m": CASE}, tmp_path, quiet=True)
+    run_cases({"m": SOFTER}, tmp_path, quiet=True)
+    (aside,) = tmp_path.glob("m.until-*")
+    assert open_run(aside).case == CASE
+    assert open_run(tmp_path / "m").case == SOFTER
+    RunFolder.create(tmp_path / "n", CASE).finish("interrupted", "by the user")
+    assert run_cases({"n": CASE}, tmp_path, quiet=True)["n"].failure == ""
+    assert open_run(tmp_path / "n").status == "completed"
+    assert computed == ["m", "m", "n"]
+    assert len(list(tmp_path.glob("n*"))) == 1
+
+
+def test_another_version_is_not_reused(tmp_path: Path, computed: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    run_cases({"m": CASE}, tmp_path, quiet=True)
+    monkeypatch.setattr("ngfsi.__version__", "99")
+    run_cases({"m": CASE}, tmp_path, quiet=True)
+    assert computed == ["m", "m"]
+
+
+def test_failures_are_told_and_stop_nothing(tmp_path: Path, computed: list[str]) -> None:
+    names = ("bad", "dead", "unmeshable", "good")
+    outcomes = run_cases({name: CASE.replace(name=name) for name in names}, tmp_path, quiet=True)
+    assert sorted(computed) == sorted(names)
+    assert {name: outcome.failure for name, outcome in outcomes.items()} == {
+        "bad": "the step at 1.5 s did not converge",
+        "dead": "its process was ended by signal 11",
+        "unmeshable": "no mesh could be made",
+        "good": "",
+    }
+    assert outcomes["bad"].run is not None
+    assert outcomes["dead"].run is None
+
+
+def test_the_child_process_says_why_it_failed(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text("name = 3")
+    child = subprocess.run(
+        [sys.executable, "-m", "ngfsi.study", str(tmp_path / "case.toml"), str(tmp_path / "run")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert child.returncode == 2
+    assert "case.toml: " in child.stderr.splitlines()[-1]
+
+
+def test_markdown_table() -> None:
+    assert markdown_table(("a", "b"), [("x|y", "1")]) == "| a | b |\n| --- | ---: |\n| x\\|y | 1 |\n"
+
+
+def test_findings(tmp_path: Path) -> None:
+    finding = find("M", Outcome(fake_run(tmp_path / "m", loss=0.19)))
+    assert finding is not None
+    now = finding.ramp_end
+    assert (now.time, finding.end.time, finding.held) == (1.0, 1.5, True)
+    assert now.skin_mmhg == pytest.approx(25)
+    assert now.loss == pytest.approx(0.19)
+    assert finding.inflation == pytest.approx(INFLATION - 1)
+    assert now.loss_unloaded == pytest.approx(1 - INFLATION * 0.81)
+    # the fake's SAWSS is that of developed flow of constant rate times 1.5 during the ramp, 1.3 of it by flow
+    assert now.by_area == pytest.approx(0.9**-3)
+    assert (now.by_flow, now.by_profile) == (pytest.approx(1.3), pytest.approx(1.5 / 1.3))
+    assert now.rise == pytest.approx(100 * (0.9**-3 * 1.5 - 1))
+    assert finding.end.rise == pytest.approx(100 * (0.9**-3 - 1))
+    assert now.pressures == {"tissue_side": 3000.0, "wall_side": 5000.0, "wall_mean": 4000.0}
+
+
+def test_findings_of_a_run_that_ended_early(tmp_path: Path) -> None:
+    run = fake_run(tmp_path / "m", CASE.replace(**{"time.end": 0.5}), status="failed")
+    finding = find("M", Outcome(run, "it did not converge"))
+    assert finding is not None
+    assert (finding.ramp_end.time, finding.held) == (0.5, False)
+    assert finding.ramp_end.skin_mmhg == pytest.approx(12.5)
+    RunFolder.create(tmp_path / "n", CASE)
+    assert find("N", Outcome(open_run(tmp_path / "n"), "no state")) is None
+    assert find("N", Outcome(None, "no mesh")) is None
+
+
+def test_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    accuracy = tmp_path / "accuracy.toml"
+    accuracy.write_text("[paper]\nvolume_percent = 0.05\nsawss_percent = 1.5\n")
+    monkeypatch.setattr(
+        compare_tissues, "numerical_errors", lambda level: tissue_findings.numerical_errors(level, accuracy)
+    )
+    losses = {"m_s1": 0.25, "m_s2": 0.27, "n_likely": 0.15, "n_printed": 0.03}
+    outcomes = {key: Outcome(fake_run(tmp_path / key, loss=loss)) for key, loss in losses.items()}
+    early = fake_run(tmp_path / "m_tenth", CASE.replace(**{"time.end": 0.5}), loss=0.6, status="failed")
+    outcomes |= {"m_tenth": Outcome(early, "it did not converge"), "m_s4": Outcome(None, "no mesh could be made")}
+    path = compare_tissues.write_report("paper", tmp_path, outcomes, quiet=True)
+    text = path.read_text()
+    assert "the vein has lost **25.0 %** of its volume (the source prints 25 %)" in text
+    assert "| N: volume reduction, % | N, likely constants | 19 | 15.0 | -4.0 | 0.05 % of the volume | 1 |" in text
+    assert "| M: rise of SAWSS, % | M, K 28.45 kPa | 205 | 131 | -74 | 1.5 % of SAWSS | 2 |" in text
+    assert "5.83 | 3.00 / 5.00 / 4.00 | -0.83 (wall side)" in text
+    assert "M over the bulk moduli of the 2 subjects: 25.0 to 27.0 %" in text
+    assert "shear modulus of 6.98 kPa and cannot have given the printed loss" in text  # the fake's tissue is M
+    assert "M / 10 ended early, at 0.5 s and 12.5 mmHg: it did not converge" in text
+    assert "M, K 35.41 kPa has no state at t = 0: no mesh could be made" in text
+    for picture in ("area", "sawss_11.1mm", "sawss_ratio", "outlines"):
+        assert f"({picture}.png)" in text
+        assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_a_report_without_any_result(tmp_path: Path) -> None:
+    outcomes = {key: Outcome(None, "no mesh could be made") for key in compare_tissues.MAIN}
+    text = compare_tissues.write_report("demo", tmp_path, outcomes, quiet=True).read_text()
+    assert "**M** has no result" in text
+    assert "N, likely constants has no state at t = 0: no mesh could be made" in text
+
+
+def test_accuracy(tmp_path: Path) -> None:
+    for folder, loss in (("demo", 0.2), ("fine", 0.25)):
+        for key in compare_tissues.MAIN:
+            fake_run(tmp_path / folder / key, CASE.replace(**{"time.end": 1.25}), loss=loss)
+    target = tmp_path / "docs" / "accuracy.toml"
+    errors = tissue_accuracy.measure("demo", tmp_path / "demo", tmp_path / "fine", target)
+    volume, sawss = 100 * (0.8 / 0.75 - 1), 100 * (1 - (0.75 / 0.8) ** 1.5)
+    assert errors["volume_percent"] == pytest.approx(volume, rel=0.05)  # two digits are kept
+    assert errors["sawss_percent"] == pytest.approx(sawss, rel=0.05)
+    tissue_accuracy.measure("paper", tmp_path / "fine", tmp_path / "fine", target)
+    assert tissue_findings.numerical_errors("demo", target) == errors
+    assert tissue_findings.numerical_errors("paper", target)["sawss_percent_at_most"] == 0
+    assert tissue_findings.numerical_errors("other", target) == {}
+
+
+def test_levels_hold_what_they_promise() -> None:
+    for level in compare_tissues.LEVELS.values():
+        for key in level.variants:
+            case = compare_tissues.case(key, level)
+            assert case.geometry.lumen_diameter == (8e-3 if key.endswith("8mm") else 11.1e-3)
+            assert case.materials.tissue.label == compare_tissues.VARIANTS[key].tissue
+            assert case.time.step * case.output.fields_every == pytest.approx(0.25)
+    assert compare_tissues.LEVELS["paper"].step == 0.01
+    assert set(compare_tissues.LEVELS["paper"].variants) == set(compare_tissues.VARIANTS)
+
+
+def test_a_tiny_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The real thing, coarse and to half of the pressure: both tissues computed, M the softer one, all figures."""
+    mesh = MeshSettings(axial_layers=2, vein_size=8e-3, far_size=25e-3, lumen_radii=(0.6,))
+    tiny = compare_tissues.LEVELS["demo"]._replace(mesh=mesh, step=0.25, end=0.5)
+    monkeypatch.setitem(compare_tissues.LEVELS, "demo", tiny)
+    whole = compare_tissues.case  # compiling takes longer than so small a case
+    monkeypatch.setattr(compare_tissues, "case", lambda *of: whole(*of).replace(**{"solver.compile": False}))
+    report = compare_tissues.study("demo", tmp_path, quiet=True).read_text()
+    m, n = (open_run(tmp_path / key) for key in compare_tissues.MAIN)
+    left_m, left_n = (run.series["lumen_volume_m3"][-1] / run.series["lumen_volume_m3"][0] for run in (m, n))
+    assert 0.7 < left_m < left_n < 1
+    for run in (m, n):
+        assert run.status == "completed"
+        assert run.series["time_s"].tolist() == [0, 0.25, 0.5]
+        assert np.abs(run.series["mass_defect_m3_s"]).max() < 1e-9 * run.series["flow_in_m3_s"][0]
+        np.testing.assert_allclose(run.series["flow_in_m3_s"], 2.913e-6, rtol=1e-10)
+        assert run.field_times() == [0.0, 0.25, 0.5]
+    assert "at 12.5 mmHg on the skin" in report
+    for picture in ("area.png", "outlines.png"):
+        assert (tmp_path / picture).exists()
