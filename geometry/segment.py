@@ -57,8 +57,8 @@ class MeshSettings(Section):
         3,
         ge=1,
         le=8,
-        description="polynomial order of the curved elements; best the order of the displacement: with a lower one thin "
-        "walls bend wrongly, with a higher one linear fields are not exact",
+        description="polynomial order of the curved elements; best the order of the displacement: with a lower one "
+        "thin walls bend wrongly, with a higher one linear fields are not exact",
     )
 
     @model_validator(mode="after")

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol
 
 import ngsolve
-from ngsolve import BND, VOL, CoefficientFunction, GridFunction, Mesh, Projector, Region, VectorH1
+from ngsolve import BND, VOL, CoefficientFunction, Mesh, Region
 
 from ngfsi.errors import MeshError, RegionError, unknown
 from ngfsi.meshing import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
@@ -46,6 +46,18 @@ class Geometry(Protocol):
 
     def netgen_mesh(self, attempt: int = 0) -> Any:
         """Return the straight Netgen mesh with names and geometry; may crash or hang."""
+
+    @property
+    def length(self) -> float:
+        """Length of the vein [m], from z = 0 to z = length."""
+
+    @property
+    def lumen_radius(self) -> float:
+        """Radius of the lumen [m]."""
+
+    @property
+    def vein_centre(self) -> tuple[float, float]:
+        """Position (x, y) of the vein's axis [m]."""
 
     def shape_map(self) -> CoefficientFunction | None:
         """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import resource
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -71,7 +71,7 @@ class Computation:
 
     def __init__(self, case: Case, folder: RunFolder, backend: Any, *, quiet: bool) -> None:
         self.case, self.folder, self.backend, self.quiet = case, folder, backend, quiet
-        self.seconds: Counter[str] = Counter()
+        self.seconds: defaultdict[str, float] = defaultdict(float)
         self._factorisations = 0
 
     def run(self) -> None:

@@ -26,6 +26,9 @@ from ngfsi.output.stored import StoredRun, open_run
 from ngfsi.output.table import explained
 from ngfsi.run import run
 
+ENTREATIES, ENTREATY_SECONDS = 12, 5.0
+"""How often, and how long apart, an interrupted run is asked to end before it is killed."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -125,12 +128,24 @@ def _compute_all(
                 yield key, _outcome(finished.result(), folder / key)
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
-        for child in children:
-            if child.poll() is None:
-                child.send_signal(signal.SIGINT)
+        _interrupt(children)
         raise
     finally:
         pool.shutdown()
+
+
+def _interrupt(children: Sequence[subprocess.Popen[str]]) -> None:
+    """Ask child processes to end, again and again: one that calls a compiler at the moment does not hear it."""
+    for _ in range(ENTREATIES):
+        living = [child for child in children if child.poll() is None]
+        for child in living:
+            child.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + ENTREATY_SECONDS
+        while time.monotonic() < deadline and any(child.poll() is None for child in living):
+            time.sleep(0.1)
+    for child in children:
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGKILL)  # with the compiler it may have started, which holds our pipe open
 
 
 def _compute(case: Case, folder: Path, threads: int, children: list[subprocess.Popen[str]]) -> tuple[int, str]:

@@ -17,7 +17,7 @@ from ngfsi import study
 from ngfsi.case import Case
 from ngfsi.output import RunFolder, open_run
 from ngfsi.study import Outcome, markdown_table, run_cases
-from studies import compare_tissues, tissue_accuracy, tissue_findings
+from studies import compare_tissues, tissue_accuracy, tissue_figures, tissue_findings
 from studies.tissue_findings import find
 from tests.output.fake import CASE, INFLATION, fake_run
 
@@ -90,6 +90,24 @@ def test_failures_are_told_and_stop_nothing(tmp_path: Path, computed: list[str])
     assert outcomes["dead"].run is None
 
 
+def test_interrupted_children_are_asked_until_they_hear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Children that ignore the signal for a while, or for ever, are gone when the study has been interrupted."""
+    monkeypatch.setattr(study, "ENTREATY_SECONDS", 0.3)
+    monkeypatch.setattr(study, "ENTREATIES", 8)
+    deaf = "import signal, time; signal.signal(2, signal.SIG_IGN); print(flush=True); time.sleep({}); " \
+           "signal.signal(2, signal.default_int_handler); time.sleep(60)"  # fmt: skip
+    children = [
+        subprocess.Popen([sys.executable, "-c", deaf.format(seconds)], stdout=subprocess.PIPE, text=True,
+                         stderr=subprocess.DEVNULL, start_new_session=True, cwd=tmp_path)
+        for seconds in (0.7, 60)
+    ]  # fmt: skip
+    for child in children:
+        assert child.stdout is not None
+        child.stdout.readline()
+    study._interrupt(children)
+    assert [child.wait(5) for child in children] == [-signal.SIGINT, -signal.SIGKILL]
+
+
 def test_the_child_process_says_why_it_failed(tmp_path: Path) -> None:
     (tmp_path / "case.toml").write_text("name = 3")
     child = subprocess.run(
@@ -138,6 +156,8 @@ def test_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         compare_tissues, "numerical_errors", lambda level: tissue_findings.numerical_errors(level, accuracy)
     )
+    for picture in ("displacement_picture", "wall_shear_picture"):
+        monkeypatch.setattr(tissue_figures, picture, lambda *_: "3-D pictures need OpenGL")
     losses = {"m_s1": 0.25, "m_s2": 0.27, "n_likely": 0.15, "n_printed": 0.03}
     outcomes = {key: Outcome(fake_run(tmp_path / key, loss=loss)) for key, loss in losses.items()}
     early = fake_run(tmp_path / "m_tenth", CASE.replace(**{"time.end": 0.5}), loss=0.6, status="failed")
@@ -152,6 +172,7 @@ def test_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "shear modulus of 6.98 kPa and cannot have given the printed loss" in text  # the fake's tissue is M
     assert "M / 10 ended early, at 0.5 s and 12.5 mmHg: it did not converge" in text
     assert "M, K 35.41 kPa has no state at t = 0: no mesh could be made" in text
+    assert text.count("*3-D pictures need OpenGL*") == 2
     for picture in ("area", "sawss_11.1mm", "sawss_ratio", "outlines"):
         assert f"({picture}.png)" in text
         assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
@@ -207,6 +228,11 @@ def test_a_tiny_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert np.abs(run.series["mass_defect_m3_s"]).max() < 1e-9 * run.series["flow_in_m3_s"][0]
         np.testing.assert_allclose(run.series["flow_in_m3_s"], 2.913e-6, rtol=1e-10)
         assert run.field_times() == [0.0, 0.25, 0.5]
+        grid = run.fields(0.5)
+        axial = grid.point_data["displacement_m"][:, 2]
+        height = grid.points[:, 2] - axial
+        ends = (height < 1e-6) | (height > run.case.geometry.length - 1e-6)
+        assert np.abs(axial[ends]).max() < 1e-6  # the ends slide in their planes (roller)
     assert "at 12.5 mmHg on the skin" in report
     for picture in ("area.png", "outlines.png"):
         assert (tmp_path / picture).exists()

@@ -54,6 +54,15 @@ def _station(index: int) -> Quantity:
     )
 
 
+def _jacobian(region: str) -> Quantity:
+    return Quantity(
+        f"detF_min_{region}",
+        "1",
+        f"smallest volume ratio det F in {region}",
+        lambda probe: probe.smallest_jacobian(region),
+    )
+
+
 QUANTITIES: tuple[Quantity, ...] = (
     Quantity("skin_pressure", "Pa", "pressure on the skin", lambda p: p.system.skin_pressure.Get()),
     Quantity("outlet_pressure", "Pa", "blood pressure at the outlet", lambda p: p.system.outlet_pressure.Get()),
@@ -98,12 +107,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     ),
     Quantity("reynolds", "1", "largest Reynolds number of the sections", _reynolds),
     Quantity("displacement_max", "m", "largest displacement of the solids", lambda p: p.largest_displacement()),
-    *(
-        Quantity(
-            f"detF_min_{name}", "1", f"smallest volume ratio det F in {name}", lambda p, n=name: p.smallest_jacobian(n)
-        )
-        for name in ("tissue", "wall", "fluid")
-    ),
+    *(_jacobian(name) for name in ("tissue", "wall", "fluid")),
 )
 
 

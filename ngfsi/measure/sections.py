@@ -53,7 +53,7 @@ class Sections:
 
     def local_flows(self, inflow: float) -> Array:
         """Return the flow (m3/s) through each station, from the inflow and the rates of area before it."""
-        return inflow - CubicSpline(self.heights, self.area_rates).antiderivative()(self.heights)
+        return np.asarray(inflow - CubicSpline(self.heights, self.area_rates).antiderivative()(self.heights))
 
     def poiseuille_sawss(self, inflow: float, viscosity: float) -> float:
         """Return the SAWSS (Pa) of developed flow with the same area and flow in each section.
@@ -71,7 +71,7 @@ class Sections:
 
 
 def _derivative(ring: Array) -> Array:
-    """Derivative along closed curves (stations, points, 3) with respect to a parameter of period 1, by Fourier series."""
+    """Derivative along closed curves (stations, points, 3), by the parameter of period 1, through Fourier series."""
     count = ring.shape[1]
     wave = 2j * np.pi * np.fft.rfftfreq(count, 1 / count)
     wave[-1] = 0.0  # the highest mode of an even number of points has no derivative at them

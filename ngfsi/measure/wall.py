@@ -18,7 +18,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WallSample:
-    """Values on the deformed wall: points (n, 3) in m, quads (m, 4) of point numbers, shear (n, 3) and pressure (n,) in Pa."""
+    """Values on the deformed wall.
+
+    Attributes:
+        points: (n, 3) m.
+        quads: (m, 4) numbers of points.
+        shear: (n, 3) wall shear stress, Pa.
+        pressure: (n,) pressure of the blood, Pa.
+    """
 
     points: Array
     quads: NDArray[np.int64]
@@ -55,9 +62,7 @@ class Wall:
         normal = ng.specialcf.normal(3)
         grad_m = ng.BoundaryFromVolumeCF(ng.Grad(self._motion))
         k = Kinematics(grad_m)
-        stress = terms.viscous_stress(
-            system.case.materials.fluid, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity))
-        )
+        stress = terms.viscous_stress(system.case.materials.fluid, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity)))
         self.shear = terms.wall_shear(stress, k, normal)
         self.magnitude = ng.Norm(self.shear)
         self.stretch = ng.Norm(k.cof * normal)

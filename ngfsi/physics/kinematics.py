@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from ngsolve import Cof, CoefficientFunction, Det, Id, Inv
+from ngsolve import Cof, Det, Id, Inv
 
 
 @dataclass(frozen=True)
@@ -16,24 +17,24 @@ class Kinematics:
             gradient serves for `cof`, since cof(F) N only depends on tangential derivatives.
     """
 
-    gradient: CoefficientFunction
+    gradient: Any
 
     @property
-    def F(self) -> CoefficientFunction:
+    def F(self) -> Any:
         """Deformation gradient I + grad m."""
         return Id(3) + self.gradient
 
     @property
-    def J(self) -> CoefficientFunction:
+    def J(self) -> Any:
         """Volume ratio det F."""
         return Det(self.F)
 
     @property
-    def inverse(self) -> CoefficientFunction:
+    def inverse(self) -> Any:
         """F^-1."""
         return Inv(self.F)
 
     @property
-    def cof(self) -> CoefficientFunction:
+    def cof(self) -> Any:
         """Cofactor J F^-T: maps reference area vectors to deformed ones (Nanson)."""
         return Cof(self.F)

@@ -9,13 +9,14 @@ Computational Mechanics (2004), non-conservative form on the reference shape.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias
 
-from ngsolve import CoefficientFunction, Det, IfPos, InnerProduct, Trace
+from ngsolve import Det, IfPos, InnerProduct
 
 from ngfsi.physics.kinematics import Kinematics
 
-CF = CoefficientFunction
+CF: TypeAlias = Any
+"""A CoefficientFunction, a number or a proxy of a trial or test function: NGSolve has no type for their union."""
 
 
 class StoredEnergy(Protocol):
@@ -63,9 +64,7 @@ def inertia(density: float | CF, acceleration: CF, v: CF) -> CF:
     return density * InnerProduct(acceleration, v)
 
 
-def convective_inertia(
-    density: float | CF, k: Kinematics, rate: CF, grad_u: CF, relative_velocity: CF, v: CF
-) -> CF:
+def convective_inertia(density: float | CF, k: Kinematics, rate: CF, grad_u: CF, relative_velocity: CF, v: CF) -> CF:
     """rho J (du/dt at a fixed reference point + L w) . v; w = u - mesh velocity convects."""
     return density * k.J * InnerProduct(rate + grad_u * k.inverse * relative_velocity, v)
 
@@ -122,8 +121,3 @@ def wall_shear(stress: CF, k: Kinematics, normal: CF) -> CF:
     n = area / (InnerProduct(area, area) ** 0.5)
     traction = stress * n
     return traction - InnerProduct(traction, n) * n
-
-
-def divergence(k: Kinematics, grad_u: CF) -> CF:
-    """div u in the deformed shape."""
-    return Trace(grad_u * k.inverse)

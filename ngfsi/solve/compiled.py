@@ -34,5 +34,5 @@ def compiler_available() -> bool:
 def compiled(integrand: ng.CoefficientFunction, *, native: bool) -> ng.CoefficientFunction:
     """Return the integrand as a linear sequence of steps, as machine code if `native` and a compiler is there."""
     if native and compiler_available():
-        return integrand.Compile(realcompile=True, wait=False, maxderiv=DERIVATIVES)
+        return integrand.Compile(realcompile=True, wait=True, maxderiv=DERIVATIVES)
     return integrand.Compile()

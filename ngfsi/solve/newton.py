@@ -8,7 +8,7 @@ Newton's method with the exact Jacobian.
 The rule of renewal, in one place:
   before a step   the time scheme's weight of the new state differs from that of the factors by more than 20 %
                   (`Newton.solve`), or the step before needed more than `SLOW` iterations;
-  within a step   `PATIENCE` iterations without reducing the change to a third, or a change larger than `GROWTH` times the first.
+  within a step   `PATIENCE` iterations do not reduce the change to a third, or it grows to `GROWTH` times the first.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Newton:
                 return solution
             history.append(change)
             if always_renew or self._too_slow(history):
-                always_renew = always_renew or solution.factorisations >= 2  # noqa: PLR2004
+                always_renew = always_renew or solution.factorisations >= 2
                 self.system.values[self.free] = x + (step if change < history[0] else 0)
                 self._renew(solution)
                 mixing, history = Mixing(scale), []
@@ -130,7 +130,7 @@ class Newton:
         if self._factored_weight is None or self._stale:
             return True
         now, then = self.system.new_weight.Get(), self._factored_weight
-        return max(now, then) > WEIGHT_DRIFT * min(now, then)
+        return bool(max(now, then) > WEIGHT_DRIFT * min(now, then))
 
     def _renew(self, solution: Solution) -> None:
         self.system.apply_inflow()

@@ -7,7 +7,7 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import CoefficientFunction, GridFunction, Id, Inv, Parameter
+from ngsolve import GridFunction, Id, Inv, Parameter
 from numpy.typing import NDArray
 
 from ngfsi.case import Case
@@ -17,7 +17,6 @@ from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.compiled import compiled
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
-
 
 Vector = NDArray[np.float64]
 
@@ -39,13 +38,13 @@ class Fields:
         pressure: p.
     """
 
-    motion: CoefficientFunction
-    grad_motion: CoefficientFunction
-    relative: CoefficientFunction
-    velocity: CoefficientFunction
-    grad_velocity: CoefficientFunction
-    acceleration: CoefficientFunction
-    pressure: CoefficientFunction
+    motion: Any
+    grad_motion: Any
+    relative: Any
+    velocity: Any
+    grad_velocity: Any
+    acceleration: Any
+    pressure: Any
 
 
 class System:
@@ -99,7 +98,7 @@ class System:
             pressure=p,
         )
 
-    def stress_free_gradient(self) -> CoefficientFunction | None:
+    def stress_free_gradient(self) -> Any | None:
         """G = dX/dX0 where the reference shape is prestressed: inverse of I + grad(X0 - X)."""
         return None if self.relaxation is None else Inv(Id(3) + ng.Grad(self.relaxation))
 
@@ -142,9 +141,7 @@ class System:
         mesh_motion = terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(test[3]))
         # a boundary integral over facets of volume elements, since the outlet traction needs the full gradient of u
         normal = ng.specialcf.normal(3)
-        outlet = terms.outflow(
-            blood, rho, self.outlet_pressure, k, f.grad_velocity, f.velocity, f.relative, normal, v
-        )
+        outlet = terms.outflow(blood, rho, self.outlet_pressure, k, f.grad_velocity, f.velocity, f.relative, normal, v)
         fluid = self.domain.geometry.fluid
         return [
             compiled(momentum, native=self._native) * self.domain.dx(fluid, bonus_intorder=EXTRA_ORDER),
@@ -167,7 +164,7 @@ class System:
         self._profile_keeper = profile  # a component does not keep its parent alive
         return np.array(profile.vec.FV().NumPy()[self.unknowns.inlet])
 
-    def _surface_gradient(self, parts: Any) -> CoefficientFunction:
+    def _surface_gradient(self, parts: Any) -> Any:
         return ng.Grad(parts[0]) + ng.Grad(parts[3])
 
     def apply_inflow(self) -> None:
@@ -202,7 +199,7 @@ class System:
 
     def rates(self) -> Vector:
         """Rates of all unknowns at the present state."""
-        return self.new_weight.Get() * self.values + self.velocity_history.vec.FV().NumPy()
+        return np.asarray(self.new_weight.Get() * self.values + self.velocity_history.vec.FV().NumPy())
 
     def residual(self) -> Any:
         """Return the residual vector at the present state, with the inflow brought up to date; overwritten later."""

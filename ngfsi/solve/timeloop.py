@@ -61,7 +61,9 @@ class History:
 class TimeLoop:
     """Advances a system from its initial state to the end of the case."""
 
-    def __init__(self, case: Case, system: System, newton: Newton, inspect: Callable[[], str], say: Callable[[str], None]) -> None:
+    def __init__(
+        self, case: Case, system: System, newton: Newton, inspect: Callable[[], str], say: Callable[[str], None]
+    ) -> None:
         """Prepare the loop.
 
         Args:
@@ -91,7 +93,9 @@ class TimeLoop:
 
     def _kinks(self) -> set[float]:
         loads = self.case.loads
-        return {t for curve in (loads.skin_pressure, loads.inlet_flow, loads.outlet_pressure) for t in curve.breakpoints}
+        return {
+            t for curve in (loads.skin_pressure, loads.inlet_flow, loads.outlet_pressure) for t in curve.breakpoints
+        }
 
     def run(self) -> Iterator[Step]:
         """Yield after each accepted step, the system holding its state and rates.

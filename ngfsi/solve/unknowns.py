@@ -33,12 +33,16 @@ class Unknowns:
         space: the NGSolve space; components in the order of `BLOCKS`.
         blocks: name -> slice of the vector.
         inlet: numbers of the relative velocity's dofs on the inlet, prescribed there.
+        order: polynomial order k.
+        solvable: mask of the dofs that no boundary condition prescribes. The space's own `FreeDofs` is wrong:
+            `Compress` forgets conditions on single components (`dirichletz`).
     """
 
     space: Any
     blocks: dict[str, slice]
     inlet: NDArray[np.int64]
     order: int
+    solvable: NDArray[np.bool_]
 
     @classmethod
     def build(cls, domain: Domain, order: int, ends: Ends) -> Unknowns:
@@ -70,8 +74,10 @@ class Unknowns:
             ]
         )
         blocks = {name: slice(space.Range(i).start, space.Range(i).stop) for i, name in enumerate(BLOCKS)}
-        on_inlet = np.array(list(space.components[1].GetDofs(domain.boundaries("inlet"))), dtype=bool)
-        return cls(space, blocks, blocks["w"].start + np.flatnonzero(on_inlet), order)
+        on_inlet = _mask(space.components[1].GetDofs(domain.boundaries("inlet")))
+        parts = ((displacement, solids), (velocity, inside), (pressure, pressure.FreeDofs()), (motion, inside))
+        solvable = np.concatenate([_mask(parent.FreeDofs())[_mask(kept)] for parent, kept in parts])
+        return cls(space, blocks, blocks["w"].start + np.flatnonzero(on_inlet), order, solvable)
 
     @property
     def size(self) -> int:
@@ -80,10 +86,13 @@ class Unknowns:
 
     def free(self, *names: str) -> NDArray[np.bool_]:
         """Mask of the unknowns to be solved for, of the named blocks or of all."""
-        mask = np.array(list(self.space.FreeDofs()), dtype=bool)
-        if names:
-            chosen = np.zeros_like(mask)
-            for name in names:
-                chosen[self.blocks[name]] = True
-            mask &= chosen
+        if not names:
+            return self.solvable.copy()
+        mask = np.zeros_like(self.solvable)
+        for name in names:
+            mask[self.blocks[name]] = self.solvable[self.blocks[name]]
         return mask
+
+
+def _mask(bits: Any) -> NDArray[np.bool_]:
+    return np.array(list(bits), dtype=bool)

@@ -112,7 +112,6 @@ TERMS: dict[str, tuple[Callable[[], CF], float]] = {
         J * float(np.sum((STRESS - P * I) * GRADV)),
     ),
     "incompressibility": (lambda: terms.incompressibility(K, matrix(GU), CF(Q)), -J * float(np.trace(L)) * Q),
-    "divergence": (lambda: terms.divergence(K, matrix(GU)), float(np.trace(L))),
     "harmonic extension": (lambda: terms.harmonic_extension(2.5, matrix(H), matrix(GV)), 2.5 * float(np.sum(H * GV))),
     "follower pressure": (lambda: terms.follower_pressure(CF(P), K, vector(N), vector(V)), P * AREA @ V),
     "relative flux": (lambda: terms.relative_flux(K, vector(W), vector(N)), W @ AREA),
@@ -202,6 +201,6 @@ def test_derivative_of_every_term(dilation: float, compiled: bool) -> None:
     for name, (integrand, measure) in _terms(trial, test).items():
         form = BilinearForm(space, check_unused=False)
         form += (integrand.Compile() if compiled else integrand) * measure
-        exact, measured = slope(form, state.vec, direction)
+        exact, measured = slope(form, state.vec, direction, step=3e-4)
         assert np.linalg.norm(exact) > 0, name
         assert np.linalg.norm(exact - measured) < 1e-8 * np.linalg.norm(exact), name
