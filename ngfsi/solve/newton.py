@@ -98,6 +98,7 @@ class Newton:
             self._renew(solution)
         mixing, history = Mixing(scale), []
         always_renew = False
+        best = self.system.values[self.free].copy()
         while solution.iterations < max_iterations:
             solution.iterations += 1
             step = self._plain_step()
@@ -111,13 +112,15 @@ class Newton:
                 self.system.apply_inflow()
                 return solution
             history.append(change)
-            if always_renew or self._too_slow(history):
-                always_renew = always_renew or solution.factorisations >= 2
-                self.system.values[self.free] = x + (step if change < history[0] else 0)
-                self._renew(solution)
-                mixing, history = Mixing(scale), []
+            best = x if change == min(history) else best
+            if not always_renew and not self._too_slow(history):
+                self.system.values[self.free] = mixing.next(x, step)
                 continue
-            self.system.values[self.free] = mixing.next(x, step)
+            always_renew = always_renew or solution.factorisations >= 2
+            # the best state may be that of the factors, where renewing them would change nothing
+            self.system.values[self.free] = (best + x) / 2 if self._grown(history) else x + step
+            self._renew(solution)
+            mixing, history = Mixing(scale), []
         raise SolverError(self._complaint(solution, scales))
 
     def _plain_step(self) -> Vector:
@@ -140,8 +143,11 @@ class Newton:
         solution.factorisations += 1
 
     @staticmethod
-    def _too_slow(history: list[float]) -> bool:
-        if history[-1] > GROWTH * history[0]:
+    def _grown(history: list[float]) -> bool:
+        return history[-1] > GROWTH * history[0]
+
+    def _too_slow(self, history: list[float]) -> bool:
+        if self._grown(history):
             return True
         return len(history) > PATIENCE and history[-1] > history[-1 - PATIENCE] / 3
 
