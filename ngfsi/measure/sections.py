@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 STATIONS = 11
 POINTS = 96
 PLANE_ITERATIONS = 3
+CHORD_ITERATIONS = 30
 
 
 class Sections:
@@ -25,10 +26,13 @@ class Sections:
         self.heights = np.linspace(0.0, geometry.length, stations)
         angles = 2 * np.pi * np.arange(points) / points
         x0, y0 = geometry.vein_centre
-        self._x = x0 + geometry.lumen_radius * np.tile(np.cos(angles), (stations, 1))
-        self._y = y0 + geometry.lumen_radius * np.tile(np.sin(angles), (stations, 1))
         fields = system.fields(system.state.components)
-        self._values = ng.CF((fields.motion, fields.velocity))
+        self._reference = ng.CF((ng.x, ng.y, ng.z))
+        self._values = ng.CF((self._reference + fields.motion, fields.velocity))
+        self._x, self._y = self._on_straight_mesh(
+            x0 + geometry.lumen_radius * np.tile(np.cos(angles), (stations, 1)),
+            y0 + geometry.lumen_radius * np.tile(np.sin(angles), (stations, 1)),
+        )
         self.rings = np.zeros((stations, points, 3))
         self.areas = np.zeros(stations)
         self.area_rates = np.zeros(stations)
@@ -41,11 +45,10 @@ class Sections:
         length = self.system.domain.geometry.length
         # which material point of the wall lies in the plane now? Axial displacements are small: a fixed point finds it
         for _ in range(PLANE_ITERATIONS):
-            values = self._evaluate(z)
-            z = np.clip(plane - values[..., 2], 0.0, length)
-        values = self._evaluate(z)
-        self.rings = np.stack([self._x, self._y, z], axis=-1) + values[..., :3]
-        velocity = values[..., 3:]
+            values = self._evaluate(self._values, self._x, self._y, z)
+            z = np.clip(z + plane - values[..., 2], 0.0, length)
+        values = self._evaluate(self._values, self._x, self._y, z)
+        self.rings, velocity = values[..., :3], values[..., 3:]
         tangent, rate_tangent = _derivative(self.rings), _derivative(velocity)
         self.areas = _enclosed(self.rings, tangent)
         self.area_rates = _enclosed(velocity, tangent) + _enclosed(self.rings, rate_tangent)
@@ -64,10 +67,22 @@ class Sections:
         shear = 4 * viscosity * np.abs(self.local_flows(inflow)) / (np.pi * radius**3)
         return float(np.trapezoid(shear * self.perimeters) / np.trapezoid(self.perimeters))
 
-    def _evaluate(self, z: Array) -> Array:
-        mesh = self.system.domain.mesh
-        values = np.asarray(self._values(mesh(self._x.ravel(), self._y.ravel(), z.ravel())))
-        return values.reshape(*self._x.shape, 6)
+    def _on_straight_mesh(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return where points of the curved reference shape, at the stations, lie in the straight mesh.
+
+        NGSolve looks points up in the mesh without its deformation, where the wall runs along chords.
+        """
+        z = np.broadcast_to(self.heights[:, None], x.shape)
+        straight_x, straight_y = x.copy(), y.copy()
+        for _ in range(CHORD_ITERATIONS):
+            found = self._evaluate(self._reference, straight_x, straight_y, z)
+            straight_x += x - found[..., 0]
+            straight_y += y - found[..., 1]
+        return straight_x, straight_y
+
+    def _evaluate(self, field: ng.CoefficientFunction, x: Array, y: Array, z: Array) -> Array:
+        values = np.asarray(field(self.system.domain.mesh(x.ravel(), y.ravel(), z.ravel())))
+        return values.reshape(*x.shape, -1)
 
 
 def _derivative(ring: Array) -> Array:

@@ -17,6 +17,9 @@ from ngfsi.solve.system import System
 Say = Callable[[str], None]
 FINEST_LOAD_STEP = 1 / 64
 NEWTON_STEPS = 30
+START_TOLERANCE = 1e-5
+"""Tolerance of creeping flow, which only starts the steady flow with inertia. Its own rounding is about 1e-9: viscous
+stresses are a millionth of the pressure."""
 
 
 def initial_state(system: System, newton: Newton, say: Say) -> int:
@@ -57,7 +60,7 @@ def _in_load_steps(system: System, newton: Newton) -> None:
         trial = min(1.0, share + step)
         _set_share(system, trial)
         try:
-            newton.solve(system.case.solver.tolerance, NEWTON_STEPS)
+            newton.solve(max(START_TOLERANCE, system.case.solver.tolerance), NEWTON_STEPS)
         except SolverError as error:
             step /= 2
             if step < FINEST_LOAD_STEP:
