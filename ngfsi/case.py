@@ -96,7 +96,7 @@ class TimeStepping(Section):
 class Solver(Section):
     """Newton's method and its linear solver."""
 
-    tolerance: float = Field(default=1e-8, gt=0, lt=1)
+    tolerance: float = Field(default=1e-7, gt=0, lt=1)
     """Largest relative change of any block of unknowns at convergence."""
     max_iterations: int = Field(default=25, ge=1)
     linear: Literal["auto", "pardiso", "umfpack"] = "auto"

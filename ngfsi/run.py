@@ -153,7 +153,7 @@ class Computation:
         unknowns = system.unknowns
         self.folder.update_manifest(
             unknowns=unknowns.size,
-            unknowns_by_block={name: part.stop - part.start for name, part in unknowns.blocks.items()},
+            unknowns_by_block={name: len(part) for name, part in unknowns.blocks.items()},
             reference={"lumen_volume_m3": system.domain.volume(system.domain.geometry.fluid)},
             linear_solver=self.backend,
             threads=ng.ngsglobals.numthreads,

@@ -128,6 +128,11 @@ def block(system: System, name: str, vector: Array) -> Array:
     return vector[system.unknowns.blocks[name]]
 
 
+def rows(system: System, name: str, vector: Array) -> Array:
+    """Return the part of a form's residual that belongs to the equations of one of the unknowns."""
+    return vector[system.unknowns.equations][system.unknowns.blocks[name]]
+
+
 def position() -> ng.CoefficientFunction:
     """Point of the reference shape."""
     return ng.CF((ng.x, ng.y, ng.z))
@@ -135,10 +140,7 @@ def position() -> ng.CoefficientFunction:
 
 def set_motion(system: System, motion: ng.CoefficientFunction) -> None:
     """Deform tissue and lumen by one displacement field of polynomial degree within the order."""
-    domain = system.domain
-    d, _, _, e = system.state.components
-    d.Set(motion, definedon=domain.materials(*domain.geometry.solids))
-    e.Set(motion - d, definedon=domain.materials(domain.geometry.fluid))
+    system.state.components[0].Set(motion)
 
 
 def randomise(system: System, seed: int = 1, amplitude: float = 4e-4) -> None:
@@ -152,14 +154,13 @@ def randomise(system: System, seed: int = 1, amplitude: float = 4e-4) -> None:
     system.flow_rate = 3e-6
     for name in BLOCKS:
         part = system.unknowns.blocks[name]
-        size = part.stop - part.start
         fixed = ~system.unknowns.free()[part]
         for vector, factor in (
             (system.state.vec, 1.0),
             (system.velocity_history.vec, rate),
             (system.acceleration_history.vec, rate**2 if name != "w" else rate),
         ):
-            values = scales[name] * factor * rng.standard_normal(size)
+            values = scales[name] * factor * rng.standard_normal(len(part))
             values[fixed] = 0.0
             vector.FV().NumPy()[part] = values
     system.apply_inflow()
@@ -168,11 +169,11 @@ def randomise(system: System, seed: int = 1, amplitude: float = 4e-4) -> None:
 @contextmanager
 def deformed(system: System) -> Iterator[None]:
     """Let the mesh be the deformed shape."""
-    mesh, d, e = system.domain.mesh, system.state.components[0], system.state.components[3]
+    mesh, displacement = system.domain.mesh, system.state.components[0]
     reference = mesh.deformation
     moved = ng.GridFunction(ng.VectorH1(mesh, order=system.unknowns.order))
     mesh.UnsetDeformation()
-    moved.Set(reference + d + e)
+    moved.Set(reference + displacement)
     mesh.SetDeformation(moved)
     try:
         yield

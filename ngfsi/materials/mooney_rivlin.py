@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal, Self
 
-from ngsolve import CoefficientFunction, Det
+from ngsolve import CoefficientFunction
 from pydantic import Field, model_validator
 
-from ngfsi.materials.law import SolidLaw
-from ngfsi.materials.strain import isochoric_invariants
+from ngfsi.materials.law import IsotropicLaw
+from ngfsi.materials.strain import Invariants
 from ngfsi.units import Pressure
 
 
-class MooneyRivlin(SolidLaw):
+class MooneyRivlin(IsotropicLaw):
     """W = c10 (I1 - 3) + c01 (I2 - 3) + c11 (I1 - 3)(I2 - 3) + K/2 (J - 1)^2 in the isochoric invariants.
 
     The isochoric invariants make the rest state free of stress and K the initial bulk modulus. Single constants may
@@ -38,11 +38,11 @@ class MooneyRivlin(SolidLaw):
             )
         return self
 
-    def energy(self, F: CoefficientFunction) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
-        I1, I2 = isochoric_invariants(F)
-        isochoric = self.c10 * (I1 - 3) + self.c01 * (I2 - 3) + self.c11 * (I1 - 3) * (I2 - 3)
-        return isochoric + self.K / 2 * (Det(F) - 1) ** 2
+    def energy_of(self, strain: Invariants) -> CoefficientFunction:
+        """Return the stored energy (J per m3 of reference volume)."""
+        I1, I2 = strain.isochoric
+        distortion = self.c10 * (I1 - 3) + self.c01 * (I2 - 3) + self.c11 * (I1 - 3) * (I2 - 3)
+        return distortion + self.K / 2 * (strain.J - 1) ** 2
 
     @property
     def shear_modulus(self) -> float:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from ngsolve import CoefficientFunction, Det, log
+from ngsolve import CoefficientFunction, log
 from pydantic import Field
 
-from ngfsi.materials.law import SolidLaw
-from ngfsi.materials.strain import isochoric_invariants
+from ngfsi.materials.law import IsotropicLaw
+from ngfsi.materials.strain import Invariants
 from ngfsi.units import Pressure
 
 
-class NeoHookean(SolidLaw):
+class NeoHookean(IsotropicLaw):
     """W = C10 (I1 - 3) + k [(J^2 - 1)/2 - ln J] in the isochoric invariant, with initial bulk modulus 2 k.
 
     The literature prints the formula with k = Kv and calls Kv the initial bulk modulus, which cannot both hold, so
@@ -30,10 +30,9 @@ class NeoHookean(SolidLaw):
     Kv: Pressure = Field(gt=0)
     volumetric: Literal["K=Kv", "K=2Kv"]
 
-    def energy(self, F: CoefficientFunction) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
-        I1, _ = isochoric_invariants(F)
-        J = Det(F)
+    def energy_of(self, strain: Invariants) -> CoefficientFunction:
+        """Return the stored energy (J per m3 of reference volume)."""
+        I1, J = strain.isochoric[0], strain.J
         return self.C10 * (I1 - 3) + self.bulk_modulus / 2 * ((J * J - 1) / 2 - log(J))
 
     @property

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from ngsolve import CoefficientFunction, Id, InnerProduct, Trace
+from ngsolve import CoefficientFunction
 
+from ngfsi.materials.law import IsotropicLaw
 from ngfsi.materials.linear import LinearAtRest
-from ngfsi.materials.strain import right_cauchy_green
+from ngfsi.materials.strain import Invariants
 
 
-class SaintVenantKirchhoff(LinearAtRest):
+class SaintVenantKirchhoff(LinearAtRest, IsotropicLaw):
     """W = lambda/2 tr(E)^2 + mu tr(E^2) with the Green-Lagrange strain E = (C - I)/2.
 
     Softens in compression and loses stability there (uniaxially at a stretch of sqrt(1/3)): for small strains.
@@ -23,7 +24,9 @@ class SaintVenantKirchhoff(LinearAtRest):
 
     law: Literal["saint_venant_kirchhoff"] = "saint_venant_kirchhoff"
 
-    def energy(self, F: CoefficientFunction) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
-        E = (right_cauchy_green(F) - Id(3)) / 2
-        return self.lame / 2 * Trace(E) ** 2 + self.shear_modulus * InnerProduct(E, E)
+    def energy_of(self, strain: Invariants) -> CoefficientFunction:
+        """Return the stored energy (J per m3 of reference volume)."""
+        I1, I2, _ = strain
+        trace = (I1 - 3) / 2
+        square = (I1 * I1 - 2 * I2 - 2 * I1 + 3) / 4  # E : E, since C : C = I1^2 - 2 I2
+        return self.lame / 2 * trace**2 + self.shear_modulus * square

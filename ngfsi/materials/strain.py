@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ngsolve import CoefficientFunction, Det, InnerProduct, Trace
 
 
@@ -10,10 +12,21 @@ def right_cauchy_green(F: CoefficientFunction) -> CoefficientFunction:
     return F.trans * F
 
 
-def isochoric_invariants(F: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction]:
-    """Return I1 and I2 of the volume-preserving part J^(-1/3) F: both are 3 at rest and blind to dilation."""
-    C = right_cauchy_green(F)
-    J = Det(F)
-    I1 = Trace(C)
-    I2 = (I1 * I1 - InnerProduct(C, C)) / 2
-    return J ** (-2 / 3) * I1, J ** (-4 / 3) * I2
+class Invariants(NamedTuple):
+    """I1 = tr C, I2 = (I1^2 - C : C)/2 and J = det F."""
+
+    I1: CoefficientFunction
+    I2: CoefficientFunction
+    J: CoefficientFunction
+
+    @classmethod
+    def of(cls, F: CoefficientFunction) -> Invariants:
+        """Return those of F, each a variable of its own, so that an energy can be differentiated by them."""
+        C = right_cauchy_green(F)
+        parts = (Trace(C), (Trace(C) ** 2 - InnerProduct(C, C)) / 2, Det(F))
+        return cls(*(part.MakeVariable() for part in parts))
+
+    @property
+    def isochoric(self) -> tuple[CoefficientFunction, CoefficientFunction]:
+        """I1 and I2 of the volume-preserving part J^(-1/3) F: both are 3 at rest and blind to dilation."""
+        return self.J ** (-2 / 3) * self.I1, self.J ** (-4 / 3) * self.I2

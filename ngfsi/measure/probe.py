@@ -66,11 +66,9 @@ class Probe:
         dx, ds, fluid = self.domain.dx, self.domain.ds, self.fluid
         k, f = self._motion, self._fields
         order = self.system.unknowns.order
-        d, new = self.system.state.components, self.system.new_weight
-        history = self.system.velocity_history.components
-        grad_rate = new * f.grad_motion + ng.Grad(history[0]) + ng.Grad(history[3])
+        grad_rate = self.system.new_weight * f.grad_motion + ng.Grad(self.system.velocity_history.components[0])
         normal = ng.specialcf.normal(3)
-        surface = Kinematics(ng.Grad(d[0]) + ng.Grad(d[3]))
+        surface = Kinematics(f.grad_motion)
         flux = terms.relative_flux(surface, f.relative, normal)
         more = {"bonus_intorder": 2 * order}
         integrals = {

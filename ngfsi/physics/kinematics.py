@@ -1,11 +1,15 @@
-"""Kinematics of a motion x = X + m(X) from the reference shape."""
+"""Kinematics of a motion x = X + m(X) from the reference shape.
+
+Each quantity is one expression however often it is asked for, since NGSolve evaluates equal expressions again.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
-from ngsolve import Cof, Det, Id, Inv
+from ngsolve import Cof, Det, Id
 
 
 @dataclass(frozen=True)
@@ -19,22 +23,22 @@ class Kinematics:
 
     gradient: Any
 
-    @property
+    @cached_property
     def F(self) -> Any:
         """Deformation gradient I + grad m."""
         return Id(3) + self.gradient
 
-    @property
+    @cached_property
     def J(self) -> Any:
         """Volume ratio det F."""
         return Det(self.F)
 
-    @property
+    @cached_property
     def inverse(self) -> Any:
         """F^-1."""
-        return Inv(self.F)
+        return self.cof.trans / self.J
 
-    @property
+    @cached_property
     def cof(self) -> Any:
         """Cofactor J F^-T: maps reference area vectors to deformed ones (Nanson)."""
         return Cof(self.F)

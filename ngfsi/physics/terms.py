@@ -22,8 +22,8 @@ CF: TypeAlias = Any
 class StoredEnergy(Protocol):
     """What a solid law must offer here."""
 
-    def energy(self, F: CF) -> CF:
-        """Stored energy per stress-free volume (J/m3) at the deformation gradient F."""
+    def variation(self, F: CF, H: CF) -> CF:
+        """P : H, the derivative of the stored energy per stress-free volume (J/m3) at F in the direction H."""
 
 
 class Viscous(Protocol):
@@ -39,7 +39,7 @@ class Viscous(Protocol):
 
 
 def internal_work(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None) -> CF:
-    """P : grad v with P = dW/dF by differentiation of the stored energy.
+    """P : grad v with P = dW/dF.
 
     Args:
         relaxation: G = dX/dX0 maps the stress-free shape X0 to the reference shape X where the latter is prestressed:
@@ -47,16 +47,13 @@ def internal_work(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = 
             CMAME 136, 1996; use as prestress as in Gee, Foerster and Wall, IJNMBE 26, 2010).
     """
     if relaxation is None:
-        strain = F.MakeVariable()
-        return law.energy(strain).Diff(strain, grad_v)
-    strain = (F * relaxation).MakeVariable()
-    return law.energy(strain).Diff(strain, grad_v * relaxation) / Det(relaxation)
+        return law.variation(F, grad_v)
+    return law.variation(F * relaxation, grad_v * relaxation) / Det(relaxation)
 
 
 def hydrostatic_pressure(law: StoredEnergy, F: CF) -> CF:
     """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J."""
-    strain = F.MakeVariable()
-    return -law.energy(strain).Diff(strain, F) / (3 * Det(F))
+    return -law.variation(F, F) / (3 * Det(F))
 
 
 def inertia(density: float | CF, acceleration: CF, v: CF) -> CF:
@@ -66,7 +63,7 @@ def inertia(density: float | CF, acceleration: CF, v: CF) -> CF:
 
 def convective_inertia(density: float | CF, k: Kinematics, rate: CF, grad_u: CF, relative_velocity: CF, v: CF) -> CF:
     """rho J (du/dt at a fixed reference point + L w) . v; w = u - mesh velocity convects."""
-    return density * k.J * InnerProduct(rate + grad_u * k.inverse * relative_velocity, v)
+    return density * InnerProduct(k.J * rate + grad_u * (k.cof.trans * relative_velocity), v)
 
 
 def viscous_stress(fluid: Viscous, k: Kinematics, grad_u: CF) -> CF:

@@ -111,9 +111,8 @@ def _relax(system: System, backend: Backend) -> int:
         unloaded = Inv(Id(3) + ng.Grad(trial))
         work = terms.internal_work(law, Id(3), ng.Grad(test), unloaded)
         form += work.Compile() * system.domain.dx(name)
-    part = system.unknowns.blocks["d"]
-    load = np.array(system.residual().FV().NumPy()[part])  # of blood and skin: the tissue is not stressed yet
-    free = system.unknowns.free("d")[part]
+    load = np.array(system.residual().FV().NumPy()[: space.ndof])  # of blood and skin: the tissue is not stressed yet
+    free = system.unknowns.free("d")[: space.ndof]
     factorisation = Factorisation(form, free, backend)
     residual, update = relaxation.vec.CreateVector(), relaxation.vec.CreateVector()
     for _ in range(NEWTON_STEPS):
@@ -127,6 +126,6 @@ def _relax(system: System, backend: Backend) -> int:
         if not np.isfinite(change):
             break
         if change < system.case.solver.tolerance:
-            system.relaxation.Set(relaxation)
+            system.relaxation.vec.data = relaxation.vec
             return factorisation.count
     raise SolverError("the stress-free shape was not found: inverse design did not converge")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ngfsi.errors import SolverError
 
 Backend = Literal["pardiso", "umfpack"]
+Mask = NDArray[np.bool_]
 
 PARDISO_FLAGS = {"ordering": "metis", "refinement": 0}
 """Nested dissection keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill
@@ -51,13 +52,20 @@ class Factorisation:
     The factors and the condensation operators stay those of the last `renew`, whatever happens to the state.
     """
 
-    def __init__(self, form: ng.BilinearForm, free: NDArray[np.bool_], backend: Backend) -> None:
+    def __init__(
+        self, form: ng.BilinearForm, free: Mask, backend: Backend, equations: NDArray[np.int64] | None = None
+    ) -> None:
+        """Prepare.
+
+        Args:
+            equations: number of the form's row that is each unknown's equation, an involution; default: its own.
+        """
         self.form = form
         self.backend = backend
         self.count = 0
-        self._free = ng.BitArray(list(free))
-        coupling = form.space.FreeDofs(form.condense)
-        self._solved = self._free & coupling
+        self._equations = np.arange(form.space.ndof) if equations is None else equations
+        self._solved = ng.BitArray(list(free & np.array(list(form.space.FreeDofs(form.condense)))))
+        self._target: NDArray[np.int64] | None = None
         self._inverse: Any = None
 
     def renew(self, state: Any) -> None:
@@ -68,6 +76,7 @@ class Factorisation:
         """
         try:
             self.form.AssembleLinearization(state)
+            self._take_rows()
             if self._inverse is None or self.backend != "pardiso":
                 flags = {"flags": PARDISO_FLAGS} if self.backend == "pardiso" else {}
                 self._inverse = self.form.mat.Inverse(self._solved, inverse=self.backend, **flags)
@@ -77,15 +86,43 @@ class Factorisation:
             raise SolverError(f"the linearised system could not be factorised: {error}") from error
         self.count += 1
 
+    def _take_rows(self) -> None:
+        """Put each equation into the row of its unknown."""
+        if self._target is None:
+            self._target, self._source = self._entries()
+        values = self.form.mat.AsVector().FV().NumPy()
+        values[self._target] = values[self._source]
+
+    def _entries(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return where the entries of the rows that move are to be, and where they are."""
+        columns, starts = (np.asarray(part, dtype=np.int64) for part in self.form.mat.CSR()[1:])
+        moved = np.flatnonzero(self._equations != np.arange(len(self._equations)))
+        target, source = (_ranges(starts[rows], starts[rows + 1]) for rows in (moved, self._equations[moved]))
+        if not np.array_equal(columns[target], columns[source]):
+            raise SolverError("equations can be exchanged only between rows with entries in the same columns")
+        return target, source
+
     def solve(self, residual: Any, update: Any) -> None:
         """Write the solution of (linearisation) update = residual, zero on fixed unknowns, to `update`.
 
-        `residual` is overwritten.
+        `residual` has the equation of each unknown in that unknown's place, and is overwritten.
         """
         if self.form.condense:
-            residual.data += self.form.harmonic_extension_trans * residual
+            values = residual.FV().NumPy()
+            raw = residual.CreateVector()
+            raw.FV().NumPy()[self._equations] = values
+            raw.data += self.form.harmonic_extension_trans * raw
+            values[:] = raw.FV().NumPy()[self._equations]
             update.data = self._inverse * residual
             update.data += self.form.harmonic_extension * update
-            update.data += self.form.inner_solve * residual
+            update.data += self.form.inner_solve * raw
         else:
             update.data = self._inverse * residual
+
+
+def _ranges(starts: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the numbers from each start up to its end, one after the other."""
+    sizes = ends - starts
+    before = np.cumsum(sizes) - sizes
+    ranges: NDArray[np.int64] = np.arange(int(sizes.sum())) + np.repeat(starts - before, sizes)
+    return ranges

@@ -67,7 +67,7 @@ class Newton:
         self.system = system
         self.blocks = blocks or tuple(system.unknowns.blocks)
         self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
-        self.factorisation = Factorisation(system.form, self.free, backend)
+        self.factorisation = Factorisation(system.form, self.free, backend, system.unknowns.equations)
         self._factored_weight: float | None = None
         self._stale = False
         self._update = system.state.vec.CreateVector()

@@ -31,7 +31,7 @@ class Fields:
     """The blood's and the mesh's fields as coefficient functions of the unknowns (trial functions or a state).
 
     Attributes:
-        motion, grad_motion: displacement m = d + e of the mesh and its reference gradient.
+        motion, grad_motion: displacement m of the mesh and its reference gradient.
         relative: velocity w of the blood relative to the mesh.
         velocity, grad_velocity: u = w + rate of m, and its reference gradient.
         acceleration: rate of u at a fixed reference point.
@@ -69,32 +69,31 @@ class System:
         self.solids = {name: getattr(case.materials, name) for name in domain.geometry.solids}
         self.relaxation: GridFunction | None = None
         if case.conditions.initial_state == "prestress":
-            self.relaxation = GridFunction(ng.VectorH1(domain.mesh, order=self.unknowns.order))
+            self.relaxation = GridFunction(space.components[0])
         self._native = case.solver.compile
         self.form = self._form()
         self._residual = self.state.vec.CreateVector()
         self._inlet_shape = self._inlet_profile()
         self._inlet_flux = terms.relative_flux(
-            Kinematics(self._surface_gradient(self.state.components)), self._inlet_cf, ng.specialcf.normal(3)
+            Kinematics(ng.Grad(self.state.components[0])), self._inlet_cf, ng.specialcf.normal(3)
         ) * domain.ds("inlet", bonus_intorder=2 * self.unknowns.order)
 
     # ---------------------------------------------------------------- weak form
 
     def fields(self, parts: Any) -> Fields:
-        """Return the fluid's fields for the unknowns `parts` = (d, w, p, e)."""
-        d, w, p, e = parts
-        hd, hw, _, he = self.velocity_history.components
-        ad, _, _, ae = self.acceleration_history.components
+        """Return the blood's and the mesh's fields for `parts` = (m, w, p)."""
+        m, w, p = parts
+        hm, hw, _ = self.velocity_history.components
+        am, _, _ = self.acceleration_history.components
         new = self.new_weight
-        grad_m = ng.Grad(d) + ng.Grad(e)
-        u = w + new * (d + e) + hd + he
+        u = w + new * m + hm
         return Fields(
-            motion=d + e,
-            grad_motion=grad_m,
+            motion=m,
+            grad_motion=ng.Grad(m),
             relative=w,
             velocity=u,
-            grad_velocity=ng.Grad(w) + new * grad_m + ng.Grad(hd) + ng.Grad(he),
-            acceleration=new * u + hw + ad + ae,
+            grad_velocity=ng.Grad(w) + new * ng.Grad(m) + ng.Grad(hm),
+            acceleration=new * u + hw + am,
             pressure=p,
         )
 
@@ -113,32 +112,32 @@ class System:
             form += integral
         return form
 
-    def _solid_terms(self, d: Any, v: Any) -> list[Any]:
+    def _solid_terms(self, m: Any, v: Any) -> list[Any]:
         new, old = self.new_weight, self.acceleration_history.components[0]
-        acceleration = new * (new * d + self.velocity_history.components[0]) + old
+        acceleration = new * (new * m + self.velocity_history.components[0]) + old
         dx, normal = self.domain.dx, ng.specialcf.normal(3)
         integrals = []
         for name, law in self.solids.items():
-            work = terms.internal_work(law, Id(3) + ng.Grad(d), ng.Grad(v), self.stress_free_gradient())
+            work = terms.internal_work(law, Id(3) + ng.Grad(m), ng.Grad(v), self.stress_free_gradient())
             work += terms.inertia(law.density, acceleration, v)
             integrals.append(compiled(work, native=self._native) * dx(name))
-        skin = Kinematics(ng.Grad(d).Trace())
+        skin = Kinematics(ng.Grad(m).Trace())
         integrals.append(terms.follower_pressure(self.skin_pressure, skin, normal, v.Trace()) * self.domain.ds("skin"))
         return integrals
 
     def _fluid_terms(self, trial: Any, test: Any) -> list[Any]:
         blood, rho = self.case.materials.fluid, self.blood_density
-        f, k = self.fields(trial), Kinematics(self.fields(trial).grad_motion)
-        # Testing the momentum with v = dw + dd puts the traction of the blood on the interface rows of d; the mesh
-        # equation is tested with de alone and cannot leak into them.
-        v, grad_v = test[1] + test[0], ng.Grad(test[1]) + ng.Grad(test[0])
+        f = self.fields(trial)
+        k = Kinematics(f.grad_motion)
+        # which unknown's equation that makes: see Unknowns.equations
+        v, v_mesh = test[0], test[1]
         momentum = (
             terms.convective_inertia(rho, k, f.acceleration, f.grad_velocity, f.relative, v)
-            + terms.fluid_stress_work(blood, k, f.grad_velocity, f.pressure, grad_v)
+            + terms.fluid_stress_work(blood, k, f.grad_velocity, f.pressure, ng.Grad(v))
             + terms.incompressibility(k, f.grad_velocity, test[2])
         )
         stiffness = self.case.discretisation.extension_stiffness
-        mesh_motion = terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(test[3]))
+        mesh_motion = terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(v_mesh))
         # a boundary integral over facets of volume elements, since the outlet traction needs the full gradient of u
         normal = ng.specialcf.normal(3)
         outlet = terms.outflow(blood, rho, self.outlet_pressure, k, f.grad_velocity, f.velocity, f.relative, normal, v)
@@ -163,9 +162,6 @@ class System:
         self._inlet_cf = profile.components[1]
         self._profile_keeper = profile  # a component does not keep its parent alive
         return np.array(profile.vec.FV().NumPy()[self.unknowns.inlet])
-
-    def _surface_gradient(self, parts: Any) -> Any:
-        return ng.Grad(parts[0]) + ng.Grad(parts[3])
 
     def apply_inflow(self) -> None:
         """Scale the inlet profile so that the flux through the deformed inlet is `flow_rate` (m3/s)."""
@@ -202,9 +198,14 @@ class System:
         return np.asarray(self.new_weight.Get() * self.values + self.velocity_history.vec.FV().NumPy())
 
     def residual(self) -> Any:
-        """Return the residual vector at the present state, with the inflow brought up to date; overwritten later."""
+        """Return the residual at the present state, each equation in its unknown's place; overwritten later.
+
+        The inflow is brought up to date.
+        """
         self.apply_inflow()
         self.form.Apply(self.state.vec, self._residual)
+        values = self._residual.FV().NumPy()
+        values[:] = values[self.unknowns.equations]
         return self._residual
 
     def block_scales(self) -> dict[str, float]:

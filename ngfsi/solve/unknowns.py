@@ -1,10 +1,12 @@
 """The unknowns of the coupled problem, split so that the interface conditions hold by construction.
 
-d  displacement of the solids, interface included; its basis functions on the interface reach one element layer into
-   the fluid (the discrete lifting), so that the mesh there follows the wall.
-w  velocity of the blood relative to the mesh, zero on the interface: u = w + d/dt (d + e) equals the wall's velocity.
+Three fields:
+m  displacement of the mesh: of tissue and wall, and by arbitrary extension of the lumen;
+w  velocity of the blood relative to the mesh, zero on the interface: u = w + dm/dt equals the wall's velocity there;
 p  pressure of the blood.
-e  the rest of the mesh motion in the fluid, zero on the interface: mesh displacement m = d + e.
+
+The unknowns of m are two blocks: d, those of the solids, interface included, whose basis functions reach one element
+layer into the lumen; and e, those inside of the lumen.
 """
 
 from __future__ import annotations
@@ -21,70 +23,70 @@ from ngfsi.domain import Domain
 Ends = Literal["roller", "clamped", "free"]
 BLOCKS = ("d", "w", "p", "e")
 
-SOLID_ENDS = ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom")
-OPENINGS = ("inlet", "outlet")
+ENDS = ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outlet")
+
+Numbers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Product space of (d, w, p, e).
+    """Product space of (m, w, p).
 
     Attributes:
-        space: the NGSolve space; components in the order of `BLOCKS`.
-        blocks: name -> slice of the vector.
-        inlet: numbers of the relative velocity's dofs on the inlet, prescribed there.
+        space: the NGSolve space.
+        blocks: name -> numbers of the unknowns.
+        inlet: numbers of the relative velocity's unknowns on the inlet, prescribed there.
         order: polynomial order k.
-        solvable: mask of the dofs that no boundary condition prescribes. The space's own `FreeDofs` is wrong:
+        solvable: mask of the unknowns that no boundary condition prescribes. The space's own `FreeDofs` is wrong:
             `Compress` forgets conditions on single components (`dirichletz`).
+        equations: number of the test function whose equation is that of each unknown. The balance of momentum is
+            tested with all functions of m, the mesh motion with those of w: so the traction of the blood acts on the
+            solids, and the mesh motion cannot disturb it. Hence w and e, of equal functions, exchange their equations.
     """
 
     space: Any
-    blocks: dict[str, slice]
-    inlet: NDArray[np.int64]
+    blocks: dict[str, Numbers]
+    inlet: Numbers
     order: int
-    solvable: NDArray[np.bool_]
+    solvable: Mask
+    equations: Numbers
 
     @classmethod
     def build(cls, domain: Domain, order: int, ends: Ends) -> Unknowns:
-        """Return the unknowns of polynomial order k: d, w, e of order k and p of order k - 1.
+        """Return the unknowns of polynomial order k: m and w of order k and p of order k - 1.
 
         Roller: the end faces slide in their plane; clamped: they are fixed; free: they carry no load.
         Bones are fixed.
         """
         mesh, fluid = domain.mesh, domain.geometry.fluid
         bones = [name for name in ("tibia", "fibula") if name in domain.geometry.boundary_names]
-        ends_of_solid = [name for name in SOLID_ENDS if name in domain.geometry.boundary_names]
-        held = {"roller": "dirichletz", "clamped": "dirichlet"}.get(ends)
-        fixed = {"dirichlet": "|".join(bones + (ends_of_solid if held == "dirichlet" else []))}
-        if held == "dirichletz":
-            fixed["dirichletz"] = "|".join(ends_of_solid)
-        displacement = ng.VectorH1(mesh, order=order, **{key: names for key, names in fixed.items() if names})
+        ends_there = [name for name in ENDS if name in domain.geometry.boundary_names]
+        fixed = {"dirichlet": "|".join(bones + (ends_there if ends == "clamped" else []))}
+        if ends == "roller":
+            fixed["dirichletz"] = "|".join(ends_there)
+        motion = ng.VectorH1(mesh, order=order, **{key: names for key, names in fixed.items() if names})
         velocity = ng.VectorH1(mesh, order=order, definedon=fluid, dirichlet="inlet")
-        mesh_fixed = {held: "|".join(OPENINGS)} if held else {}
-        motion = ng.VectorH1(mesh, order=order, definedon=fluid, **mesh_fixed)
         pressure = ng.H1(mesh, order=order - 1, definedon=fluid)
-        solids = displacement.GetDofs(domain.materials(*domain.geometry.solids))
         inside = velocity.GetDofs(domain.materials(fluid)) & ~velocity.GetDofs(domain.boundaries("interface"))
-        space = ng.FESpace(
-            [
-                ng.Compress(displacement, solids),
-                ng.Compress(velocity, inside),
-                ng.Compress(pressure),
-                ng.Compress(motion, inside),
-            ]
-        )
-        blocks = {name: slice(space.Range(i).start, space.Range(i).stop) for i, name in enumerate(BLOCKS)}
+        space = ng.FESpace([motion, ng.Compress(velocity, inside), ng.Compress(pressure)])
+        in_m, in_w, in_p = (np.arange(space.Range(i).start, space.Range(i).stop) for i in range(3))
+        inner = _same_functions(domain, space) - in_m[0]
+        blocks = {"d": np.delete(in_m, inner), "w": in_w, "p": in_p, "e": in_m[inner]}
+        equations = np.arange(space.ndof)
+        equations[blocks["w"]], equations[blocks["e"]] = blocks["e"], blocks["w"]
         on_inlet = _mask(space.components[1].GetDofs(domain.boundaries("inlet")))
-        parts = ((displacement, solids), (velocity, inside), (pressure, pressure.FreeDofs()), (motion, inside))
-        solvable = np.concatenate([_mask(parent.FreeDofs())[_mask(kept)] for parent, kept in parts])
-        return cls(space, blocks, blocks["w"].start + np.flatnonzero(on_inlet), order, solvable)
+        solvable = np.concatenate(
+            [_mask(motion.FreeDofs()), _mask(velocity.FreeDofs())[_mask(inside)], np.ones_like(in_p, dtype=bool)]
+        )
+        return cls(space, blocks, in_w[on_inlet], order, solvable, equations)
 
     @property
     def size(self) -> int:
         """Number of unknowns, prescribed ones included."""
         return int(self.space.ndof)
 
-    def free(self, *names: str) -> NDArray[np.bool_]:
+    def free(self, *names: str) -> Mask:
         """Mask of the unknowns to be solved for, of the named blocks or of all."""
         if not names:
             return self.solvable.copy()
@@ -94,5 +96,18 @@ class Unknowns:
         return mask
 
 
-def _mask(bits: Any) -> NDArray[np.bool_]:
+def _same_functions(domain: Domain, space: Any) -> Numbers:
+    """Return for each unknown of w the one of m with the same basis function."""
+    start = space.Range(1).start
+    same = np.full(space.Range(1).stop - start, -1)
+    motion, velocity = space.components[0], space.components[1]
+    for element in domain.materials(domain.geometry.fluid).Elements():
+        m, w = np.array(motion.GetDofNrs(element)), np.array(velocity.GetDofNrs(element))
+        same[w[w >= 0]] = m[w >= 0]
+    if len(np.unique(same)) < len(same) or np.any(same < 0):
+        raise RuntimeError("the spaces of mesh motion and relative velocity do not match")
+    return same
+
+
+def _mask(bits: Any) -> Mask:
     return np.array(list(bits), dtype=bool)

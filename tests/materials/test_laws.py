@@ -66,7 +66,8 @@ class Numeric:
         F = CF(tuple(self._entries), dims=(3, 3)).MakeVariable()
         H = CF(tuple(self._direction), dims=(3, 3))
         self._W = law.energy(F)
-        self._P = self._W.Diff(F)
+        units = (CF(tuple(unit(i, j).ravel()), dims=(3, 3)) for i in range(3) for j in range(3))
+        self._P = CF(tuple(law.variation(F, direction) for direction in units), dims=(3, 3))
         self._dP = self._P.Diff(F, H)
         self._point = unit_mesh()(0.3, 0.3, 0.3)
 

@@ -34,7 +34,9 @@ class Algebraic:
     def __init__(self, cubic: float = 0.3, free: NDArray[np.bool_] | None = None) -> None:
         self.cubic = cubic
         mask = np.ones(SIZE, dtype=bool) if free is None else free
-        self.unknowns = SimpleNamespace(blocks=PARTS, size=SIZE, free=lambda *names: mask & self._of(names))
+        self.unknowns = SimpleNamespace(
+            blocks=PARTS, size=SIZE, free=lambda *names: mask & self._of(names), equations=np.arange(SIZE)
+        )
         self.state = SimpleNamespace(vec=BaseVector(SIZE))
         self.new_weight = Parameter(10.0)
         self.form = None
@@ -92,7 +94,7 @@ class Dense:
 @pytest.fixture
 def make(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Newton]:
     def make(system: Algebraic, *blocks: str) -> Newton:
-        monkeypatch.setattr(module, "Factorisation", lambda _form, free, _backend: Dense(system, free))
+        monkeypatch.setattr(module, "Factorisation", lambda _form, free, _backend, _equations: Dense(system, free))
         return Newton(system, "umfpack", *blocks)  # type: ignore[arg-type]
 
     return make

@@ -1,0 +1,62 @@
+"""Short runs for the tests, with everything measured after each step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.case import Case
+from ngfsi.measure.probe import Probe
+from ngfsi.measure.quantities import row
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.system import System
+from ngfsi.solve.timeloop import Step, TimeLoop
+from tests.vein import steady
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Run:
+    """A finished run.
+
+    Attributes:
+        rows: the quantities at the start and after each step.
+        states: the vectors of unknowns at the same times.
+    """
+
+    system: System
+    newton: Newton
+    steps: list[Step]
+    rows: list[dict[str, float]]
+    states: list[Array]
+
+    def __getitem__(self, column: str) -> Array:
+        return np.array([row[column] for row in self.rows])
+
+
+def computed(case: Case, *, pinned: bool = False) -> Run:
+    """Run a case without output."""
+    system, newton = steady(case, pinned=pinned)
+    probe = Probe(system)
+    run = Run(system, newton, [], [], [])
+
+    def record() -> None:
+        probe.refresh()
+        run.rows.append(row(probe))
+        run.states.append(np.array(system.values))
+
+    record()
+    for step in TimeLoop(case, system, newton, lambda: "", lambda _: None).run():
+        run.steps.append(step)
+        record()
+    return run
+
+
+def largest_change(one: Any, other: Any) -> float:
+    """Largest relative difference of two arrays."""
+    one, other = np.asarray(one), np.asarray(other)
+    return float(np.max(np.abs(one - other)) / np.max(np.abs(other)))
