@@ -1,46 +1,81 @@
-"""Numerical errors of a level of compare_tissues.py, measured against its level `fine` and kept in docs/accuracy.toml.
+"""Numerical errors of the levels of compare_tissues.py, measured by refinement and kept in docs/accuracy.toml.
 
-    python -m studies.tissue_accuracy LEVEL FOLDER FINE_FOLDER
+    python -m studies.tissue_accuracy FOLDER
 
-The folders are those of the studies, e.g. runs/compare_tissues-demo and runs/compare_tissues-fine.
+Space and time are refined one at a time, for M with K 28.45 kPa: the meshes of the levels against that of `fine`, all
+with the step of `demo`; and the steps of the levels against half the step of `paper`, all on the mesh of `demo`. The
+error of a level is the sum of both. Runs in the folder that are finished are reused.
 """
 
 from __future__ import annotations
 
 import sys
-import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import tomli_w
 
-from ngfsi.output.stored import StoredRun, open_run
-from studies.compare_tissues import MAIN
+from ngfsi.errors import NgfsiError
+from ngfsi.output.stored import StoredRun
+from ngfsi.study import run_cases
+from studies.compare_tissues import LEVELS, MAIN, case
 from studies.tissue_findings import ACCURACY, SAME_TIME
 
+COLUMNS = {"volume": "lumen_volume_m3", "sawss": "sawss_Pa"}
+DEMO, PAPER, FINE = (LEVELS[name] for name in ("demo", "paper", "fine"))
+RUNS = {
+    "demo_mesh": DEMO,
+    "paper_mesh": PAPER._replace(step=DEMO.step, end=DEMO.end),
+    "fine_mesh": FINE._replace(step=DEMO.step, end=DEMO.end),
+    "paper_step": DEMO._replace(step=PAPER.step, compile=True),
+    "half_step": DEMO._replace(step=PAPER.step / 2, compile=True),
+}
+PAIRS = {
+    "demo": {"space": ("demo_mesh", "fine_mesh"), "time": ("demo_mesh", "half_step")},
+    "paper": {"space": ("paper_mesh", "fine_mesh"), "time": ("paper_step", "half_step")},
+}
+"""Level -> what is refined -> run and finer run."""
 
-def measure(level: str, folder: Path, fine_folder: Path, target: Path = ACCURACY) -> dict[str, float]:
-    """Write the largest errors of the main runs of a level [%] to a TOML file and return them."""
-    errors = [compare(open_run(folder / key), open_run(fine_folder / key)) for key in MAIN]
-    worst = {name: float(f"{max(error[name] for error in errors):.2g}") for name in errors[0]}
-    known = tomllib.loads(target.read_text(encoding="utf-8")) if target.exists() else {}
+
+def measure(folder: Path, target: Path = ACCURACY) -> dict[str, dict[str, float]]:
+    """Compute the runs, write the errors of the levels [%] to a TOML file and return them.
+
+    Raises:
+        NgfsiError: a run failed.
+    """
+    outcomes = run_cases({key: case(MAIN[0], level) for key, level in RUNS.items()}, folder)
+    runs: dict[str, StoredRun] = {}
+    for key, outcome in outcomes.items():
+        if outcome.run is None or outcome.failure:
+            raise NgfsiError(f"the run '{key}' in '{folder}' failed: {outcome.failure}")
+        runs[key] = outcome.run
+    errors = {level: _sum({what: _difference(runs[a], runs[b]) for what, (a, b) in pairs.items()})
+              for level, pairs in PAIRS.items()}  # fmt: skip
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(tomli_w.dumps({**known, level: worst}), encoding="utf-8")
-    return worst
-
-
-def compare(coarse: StoredRun, fine: StoredRun) -> dict[str, float]:
-    """Return by how many percent volume and SAWSS differ from a finer run, at the end of the ramp and at most."""
-    errors: dict[str, float] = {}
-    times = coarse.series["time_s"]
-    row = int(np.searchsorted(times, max(coarse.case.loads.skin_pressure.breakpoints) + SAME_TIME)) - 1
-    for name, column in (("volume", "lumen_volume_m3"), ("sawss", "sawss_Pa")):
-        exact = np.interp(times, fine.series["time_s"], fine.series[column])
-        error = 100 * abs(coarse.series[column] / exact - 1)
-        errors |= {f"{name}_percent": float(error[row]), f"{name}_percent_at_most": float(error.max())}
+    target.write_text(tomli_w.dumps(errors), encoding="utf-8")
     return errors
 
 
+def _difference(run: StoredRun, finer: StoredRun) -> dict[str, float]:
+    """Return by how many percent volume and SAWSS differ at the end of the ramp."""
+    return {name: 100 * abs(_at_ramp_end(run, column) / _at_ramp_end(finer, column) - 1)
+            for name, column in COLUMNS.items()}  # fmt: skip
+
+
+def _at_ramp_end(run: StoredRun, column: str) -> float:
+    end = max(run.case.loads.skin_pressure.breakpoints)
+    row = int(np.searchsorted(run.series["time_s"], end + SAME_TIME)) - 1
+    return float(run.series[column][row])
+
+
+def _sum(parts: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Return each error and its parts, to two digits."""
+    errors = {f"{name}_percent": sum(part[name] for part in parts.values()) for name in COLUMNS}
+    errors |= {f"{name}_{what}_percent": part[name] for what, part in parts.items() for name in COLUMNS}
+    return {name: float(f"{error:.2g}") for name, error in errors.items()}
+
+
 if __name__ == "__main__":
-    for name, value in measure(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])).items():
-        print(f"{name} {value:g}")
+    for level, errors in measure(Path(sys.argv[1])).items():
+        print(level, *(f"{name} {error:g}" for name, error in errors.items()), sep="\n  ")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -15,6 +16,7 @@ import pytest
 from geometry.segment import MeshSettings
 from ngfsi import study
 from ngfsi.case import Case
+from ngfsi.errors import NgfsiError
 from ngfsi.output import RunFolder, open_run
 from ngfsi.study import Outcome, markdown_table, run_cases
 from studies import compare_tissues, tissue_accuracy, tissue_figures, tissue_findings
@@ -185,19 +187,30 @@ def test_a_report_without_any_result(tmp_path: Path) -> None:
     assert "N, likely constants has no state at t = 0: no mesh could be made" in text
 
 
-def test_accuracy(tmp_path: Path) -> None:
-    for folder, loss in (("demo", 0.2), ("fine", 0.25)):
-        for key in compare_tissues.MAIN:
-            fake_run(tmp_path / folder / key, CASE.replace(**{"time.end": 1.25}), loss=loss)
+def test_accuracy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors of space and time are those against the finest mesh and the shortest step, and are added."""
+    losses = {"demo_mesh": 0.2, "paper_mesh": 0.24, "fine_mesh": 0.25, "paper_step": 0.22, "half_step": 0.225}
+
+    def all_computed(cases: Mapping[str, Case], folder: Path) -> dict[str, Outcome]:
+        assert {key: case.time.step for key, case in cases.items()} == {
+            "demo_mesh": 0.05, "paper_mesh": 0.05, "fine_mesh": 0.05, "paper_step": 0.01, "half_step": 0.005
+        }  # fmt: skip
+        meshes = {key: case.geometry.mesh for key, case in cases.items()}
+        assert meshes["paper_mesh"] != meshes["demo_mesh"] == meshes["half_step"] == meshes["paper_step"]
+        return {key: Outcome(fake_run(folder / key, loss=losses[key])) for key in cases}
+
+    monkeypatch.setattr(tissue_accuracy, "run_cases", all_computed)
     target = tmp_path / "docs" / "accuracy.toml"
-    errors = tissue_accuracy.measure("demo", tmp_path / "demo", tmp_path / "fine", target)
-    volume, sawss = 100 * (0.8 / 0.75 - 1), 100 * (1 - (0.75 / 0.8) ** 1.5)
-    assert errors["volume_percent"] == pytest.approx(volume, rel=0.05)  # two digits are kept
-    assert errors["sawss_percent"] == pytest.approx(sawss, rel=0.05)
-    tissue_accuracy.measure("paper", tmp_path / "fine", tmp_path / "fine", target)
-    assert tissue_findings.numerical_errors("demo", target) == errors
-    assert tissue_findings.numerical_errors("paper", target)["sawss_percent_at_most"] == 0
+    errors = tissue_accuracy.measure(tmp_path, target)
+    space, time = 100 * (0.8 / 0.75 - 1), 100 * (0.8 / 0.775 - 1)
+    assert errors["demo"]["volume_percent"] == pytest.approx(space + time, rel=0.05)  # two digits are kept
+    assert errors["demo"]["sawss_space_percent"] == pytest.approx(100 * (1 - (0.75 / 0.8) ** 1.5), rel=0.05)
+    assert errors["paper"]["volume_time_percent"] == pytest.approx(100 * (0.78 / 0.775 - 1), rel=0.05)
+    assert tissue_findings.numerical_errors("demo", target) == errors["demo"]
     assert tissue_findings.numerical_errors("other", target) == {}
+    monkeypatch.setattr(tissue_accuracy, "run_cases", lambda *_: {"demo_mesh": Outcome(None, "no mesh")})
+    with pytest.raises(NgfsiError, match=r"'demo_mesh' in .* failed: no mesh"):
+        tissue_accuracy.measure(tmp_path, target)
 
 
 def test_levels_hold_what_they_promise() -> None:

@@ -1,0 +1,138 @@
+"""Everything measured, in states where the vein is an ellipse and the blood deforms evenly: closed forms of all of it.
+
+Reference positions X move to x = F X, and there the velocity is u = A x, of mesh and blood alike.
+"""
+
+from __future__ import annotations
+
+import ngsolve as ng
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ngfsi.materials import SaintVenantKirchhoff
+from ngfsi.measure.probe import Probe
+from ngfsi.measure.quantities import row
+from ngfsi.solve.system import System
+from tests.vein import BLOOD, BONED, TISSUE, case_of, position, system_of
+
+Array = NDArray[np.float64]
+
+F = np.array([[1.12, 0.2, 0.1], [-0.05, 0.8, -0.15], [0.0, 0.0, 1.0]])
+A = np.array([[1.1, 0.7, 3.0], [-0.4, -2.3, 1.5], [0.0, 0.0, 0.0]])
+"""Without third rows: what is in a plane across the vein stays in it."""
+
+WALL = SaintVenantKirchhoff(young=133e3, poisson=0.3, density=1060.0)
+RADIUS, LENGTH = BONED.lumen_radius, BONED.length
+FLOW = 3e-6
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def probe(request: pytest.FixtureRequest) -> Probe:
+    geometry = BONED.replace(**{"mesh.curving_order": request.param})
+    system = system_of(case_of(geometry, **{"materials.wall": WALL}))
+    motion = matrix(F) * position() - position()
+    system.state.components[0].Set(motion)
+    system.new_weight.Set(2.0)
+    velocity = matrix(A) * (matrix(F) * position())
+    system.velocity_history.components[0].Set(velocity - 2 * motion)
+    system.flow_rate = FLOW
+    probe = Probe(system)
+    probe.refresh()
+    return probe
+
+
+def matrix(values: Array) -> ng.CoefficientFunction:
+    return ng.CF(tuple(values.ravel().tolist()), dims=(3, 3))
+
+
+def circle_error(system: System) -> float:
+    """How far the reference lumen is from the exact cylinder."""
+    return abs(system.domain.volume("fluid") / (np.pi * RADIUS**2 * LENGTH) - 1)
+
+
+def test_volume_and_its_rate(probe: Probe) -> None:
+    found = row(probe)
+    volume = np.linalg.det(F) * probe.domain.volume("fluid")
+    assert found["lumen_volume_m3"] == pytest.approx(volume, rel=1e-12)
+    assert found["lumen_area_mean_m2"] == pytest.approx(volume / LENGTH, rel=1e-12)
+    assert found["lumen_volume_rate_m3_s"] == pytest.approx(np.trace(A) * volume, rel=1e-10)
+    assert abs(found["flow_in_m3_s"]) + abs(found["flow_out_m3_s"]) < 1e-12 * abs(np.trace(A) * volume)
+    assert found["mass_defect_m3_s"] == pytest.approx(np.trace(A) * volume, rel=1e-10)
+
+
+def test_volume_ratio_and_displacement(probe: Probe) -> None:
+    found = row(probe)
+    for region in ("tissue", "wall", "fluid"):
+        assert found[f"detF_min_{region}_1"] == pytest.approx(np.linalg.det(F), rel=1e-10)
+    # at quadrature points, which lie inside of the farthest point of the skin
+    angle = np.linspace(0, 2 * np.pi, 721)
+    skin = BONED.outer_radius * np.array([np.cos(angle), np.sin(angle), 0 * angle]) + np.array([[0], [0], [LENGTH]])
+    farthest = np.linalg.norm((F - np.eye(3)) @ skin, axis=0).max()
+    assert 0.9 * farthest < found["displacement_max_m"] < farthest
+
+
+def test_cross_sections(probe: Probe) -> None:
+    """Ellipses, shifted from plane to plane."""
+    area = np.pi * RADIUS**2 * np.linalg.det(F[:2, :2])
+    sections, tolerance = probe.sections, 1.2 * circle_error(probe.system)
+    assert sections.areas == pytest.approx(np.full(11, area), rel=tolerance)
+    assert sections.rings[..., 2] == pytest.approx(np.repeat(sections.heights, 96).reshape(11, 96), abs=1e-12 * LENGTH)
+    assert sections.rings[10].mean(axis=0)[:2] == pytest.approx(LENGTH * F[:2, 2], rel=1e-3)
+    angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    ellipse = F[:2, :2] @ np.array([-np.sin(angle), np.cos(angle)]) * RADIUS
+    perimeter = 2 * np.pi * np.linalg.norm(ellipse, axis=0).mean()
+    assert sections.perimeters == pytest.approx(np.full(11, perimeter), rel=2 * tolerance)
+
+
+def test_flow_along_the_vein(probe: Probe) -> None:
+    """Blood that the shrinking sections before a station expel is added to the inflow."""
+    area, rate = np.pi * RADIUS**2 * np.linalg.det(F[:2, :2]), np.trace(A[:2, :2])
+    flows = FLOW - rate * area * probe.sections.heights
+    tolerance = circle_error(probe.system)
+    assert probe.sections.local_flows(FLOW) - FLOW == pytest.approx(flows - FLOW, rel=1.2 * tolerance)
+    diameter = np.sqrt(4 * area / np.pi)
+    reynolds = BLOOD.density * flows.max() / area * diameter / BLOOD.viscosity
+    assert row(probe)["reynolds_1"] == pytest.approx(reynolds, rel=tolerance)
+
+
+def test_wall_shear(probe: Probe) -> None:
+    """Tangential part of mu (A + A^T) n on an elliptic cylinder, integrated by the trapezoidal rule."""
+    angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
+    reference = np.array([np.cos(angle), np.sin(angle), 0 * angle])
+    areas = np.linalg.det(F) * np.linalg.inv(F).T @ reference
+    stretch = np.linalg.norm(areas, axis=0)
+    n = areas / stretch
+    traction = BLOOD.viscosity * (A + A.T) @ n
+    shear = np.linalg.norm(traction - np.sum(traction * n, axis=0) * n, axis=0)
+    mean = np.sum(shear * stretch) / np.sum(stretch)
+    assert shear.min() < 0.9 * mean < 1.1 * mean < shear.max()
+    found, tolerance = probe.shear, {2: 2e-3, 3: 5e-4}[probe.system.unknowns.order]
+    assert found.mean == pytest.approx(mean, rel=tolerance)
+    assert found.smallest == pytest.approx(shear.min(), rel=20 * tolerance)
+    assert found.largest == pytest.approx(shear.max(), rel=20 * tolerance)
+
+
+def test_sampled_wall(probe: Probe) -> None:
+    sample = probe.wall.sample(3)
+    back = sample.points @ np.linalg.inv(F).T
+    assert np.hypot(back[:, 0], back[:, 1]) == pytest.approx(np.full(len(back), RADIUS), rel=5e-3)
+    n = back * [1, 1, 0] @ np.linalg.inv(F)
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    traction = BLOOD.viscosity * n @ (A + A.T)
+    shear = traction - np.sum(traction * n, axis=1)[:, None] * n
+    assert np.linalg.norm(sample.shear - shear, axis=1).max() < 0.1 * np.linalg.norm(shear, axis=1).max()
+    assert sample.quads.max() == len(sample.points) - 1
+
+
+def test_hydrostatic_pressure(probe: Probe) -> None:
+    """p = -tr(sigma)/3, written out for both laws."""
+    J, b, E = np.linalg.det(F), F @ F.T, (F.T @ F - np.eye(3)) / 2
+    mu, lame = (TISSUE.young / 2.6, TISSUE.young * 0.3 / (1.3 * 0.4))
+    tissue = (mu * (b - np.eye(3)) + lame * np.log(J) * np.eye(3)) / J
+    mu, lame = (WALL.young / 2.6, WALL.young * 0.3 / (1.3 * 0.4))
+    wall = F @ (lame * np.trace(E) * np.eye(3) + 2 * mu * E) @ F.T / J
+    found = row(probe)
+    assert found["p_tissue_side_Pa"] == pytest.approx(-np.trace(tissue) / 3, rel=1e-9)
+    for where in ("side", "mean"):
+        assert found[f"p_wall_{where}_Pa"] == pytest.approx(-np.trace(wall) / 3, rel=1e-9)
