@@ -20,9 +20,8 @@ from ngfsi.errors import NgfsiError
 from ngfsi.output.stored import StoredRun
 from ngfsi.study import run_cases
 from studies.compare_tissues import LEVELS, MAIN, case
-from studies.tissue_findings import ACCURACY, SAME_TIME
+from studies.tissue_findings import ACCURACY, SAME_TIME, mean_sawss
 
-COLUMNS = {"volume": "lumen_volume_m3", "sawss": "sawss_Pa"}
 DEMO, PAPER, FINE = (LEVELS[name] for name in ("demo", "paper", "fine"))
 RUNS = {
     "demo_mesh": DEMO,
@@ -58,21 +57,23 @@ def measure(folder: Path, target: Path = ACCURACY) -> dict[str, dict[str, float]
 
 
 def _difference(run: StoredRun, finer: StoredRun) -> dict[str, float]:
-    """Return by how many percent volume and SAWSS differ at the end of the ramp."""
-    return {name: 100 * abs(_at_ramp_end(run, column) / _at_ramp_end(finer, column) - 1)
-            for name, column in COLUMNS.items()}  # fmt: skip
+    """Return by how many percent the results at the end of the ramp differ."""
+    exact = _at_ramp_end(finer)
+    return {name: 100 * abs(value / exact[name] - 1) for name, value in _at_ramp_end(run).items()}
 
 
-def _at_ramp_end(run: StoredRun, column: str) -> float:
+def _at_ramp_end(run: StoredRun) -> dict[str, float]:
     end = max(run.case.loads.skin_pressure.breakpoints)
     row = int(np.searchsorted(run.series["time_s"], end + SAME_TIME)) - 1
-    return float(run.series[column][row])
+    volume, sawss = (float(run.series[column][row]) for column in ("lumen_volume_m3", "sawss_Pa"))
+    return {"volume": volume, "sawss": sawss, "mean_sawss": mean_sawss(run, end)}
 
 
 def _sum(parts: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Return each error and its parts, to two digits."""
-    errors = {f"{name}_percent": sum(part[name] for part in parts.values()) for name in COLUMNS}
-    errors |= {f"{name}_{what}_percent": part[name] for what, part in parts.items() for name in COLUMNS}
+    names = next(iter(parts.values()))
+    errors = {f"{name}_percent": sum(part[name] for part in parts.values()) for name in names}
+    errors |= {f"{name}_{what}_percent": part[name] for what, part in parts.items() for name in names}
     return {name: float(f"{error:.2g}") for name, error in errors.items()}
 
 

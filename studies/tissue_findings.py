@@ -9,15 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ngfsi.output.stored import StoredRun
 from ngfsi.study import Outcome
 from ngfsi.units import from_si
 
+Array = NDArray[np.float64]
+
 CLAIMS = Path(__file__).with_name("source_claims.toml")
 ACCURACY = Path(__file__).parents[1] / "docs" / "accuracy.toml"
 HYDROSTATIC = ("tissue_side", "wall_side", "wall_mean")
 SAME_TIME = 1e-9
+SWING = 0.4
+"""Time (s) before the end of the ramp over which SAWSS is averaged: some periods of the vein's oscillation."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,10 @@ class Finding:
     start_sawss: float
     inflation: float
     """Volume at t = 0 over the volume without any load, minus one."""
+    mean_rise: float
+    """Rise of SAWSS since t = 0 in percent, mean over the last `SWING` before `ramp_end`."""
+    period: float | None
+    """Period (s) of the oscillation of the outflow during the ramp, if the steps resolve it."""
     ramp_end: Moment
     """When the skin pressure is reached, or where the run ended before."""
     end: Moment
@@ -86,16 +95,35 @@ def find(title: str, outcome: Outcome) -> Finding | None:
         return None
     times = run.series["time_s"]
     ramp = max(run.case.loads.skin_pressure.breakpoints)
+    row = int(np.searchsorted(times, ramp + SAME_TIME)) - 1
     first, unloaded = run.series["lumen_volume_m3"][0], run.manifest["reference"]["lumen_volume_m3"]
     return Finding(
         title=title,
         run=run,
         start_sawss=float(run.series["sawss_Pa"][0]),
         inflation=float(first / unloaded - 1),
-        ramp_end=_moment(run, int(np.searchsorted(times, ramp + SAME_TIME)) - 1),
+        mean_rise=100 * (mean_sawss(run, float(times[row])) / float(run.series["sawss_Pa"][0]) - 1),
+        period=_period(times[: row + 1], run.series["flow_out_m3_s"][: row + 1]),
+        ramp_end=_moment(run, row),
         end=_moment(run, len(times) - 1),
         failure=outcome.failure,
     )
+
+
+def mean_sawss(run: StoredRun, end: float) -> float:
+    """Return SAWSS (Pa), mean over the last `SWING` before `end`, weighted so that oscillations drop out (Hann)."""
+    times = np.linspace(max(end - SWING, 0.0), end, 2001)
+    weights = 1 - np.cos(np.linspace(0, 2 * np.pi, len(times)))
+    return float(np.average(np.interp(times, run.series["time_s"], run.series["sawss_Pa"]), weights=weights))
+
+
+def _period(times: Array, flows: Array) -> float | None:
+    """Return the mean distance of the flow's maxima, if there are four or more, each many steps from the next."""
+    inside = flows[1:-1]
+    maxima = times[1:-1][(inside > flows[:-2]) & (inside >= flows[2:])]
+    if len(maxima) < 4 or np.min(np.diff(maxima)) < 8 * np.min(np.diff(times)):
+        return None
+    return float(np.mean(np.diff(maxima)))
 
 
 def _moment(run: StoredRun, row: int) -> Moment:
@@ -124,7 +152,7 @@ def claims() -> dict[str, Any]:
 
 
 def numerical_errors(level: str, path: Path = ACCURACY) -> Mapping[str, float]:
-    """Return the errors measured for a level, `volume_percent` and `sawss_percent`; empty when there are none."""
+    """Return the errors measured for a level, e.g. `volume_percent`; empty when there are none."""
     if not path.exists():
         return {}
     found: Mapping[str, float] = tomllib.loads(path.read_text(encoding="utf-8")).get(level, {})

@@ -10,13 +10,13 @@ from rich.table import Column, Table
 
 from ngfsi.study import markdown_table
 from ngfsi.units import from_si
-from studies.tissue_findings import HYDROSTATIC, Finding, Moment
+from studies.tissue_findings import HYDROSTATIC, SWING, Finding
 
 ABBREVIATIONS = (
     "M: Mooney-Rivlin, N: Neo-Hookean tissue; SAWSS: wall shear stress averaged over the deformed inner wall of the "
     "vein; hydrostatic pressure: -tr(sigma)/3, compression positive, at the outer face of the vein wall on the side of "
     "the tissue and on that of the wall, and as a mean over the wall. Losses and rises are relative to the state at "
-    "t = 0, in which blood flows steadily at 10 mmHg."
+    f"t = 0, in which blood flows steadily at 10 mmHg; the mean rise is that over the last {SWING:g} s of the ramp."
 )
 
 
@@ -41,7 +41,7 @@ def headline(m: Finding | None, n: Finding | None, claimed: Mapping[str, Any]) -
 def results_table(findings: Iterable[Finding], missing: Mapping[str, str]) -> str:
     """Return the main numbers of every run; `missing` says why the runs without a state at t = 0 have none."""
     head = ("tissue", "skin mmHg", "loss %", "loss, unloaded %", "SAWSS t = 0, Pa", "SAWSS ramp end, Pa", "rise %",
-            "rise after hold %", "p tissue kPa", "p wall side kPa", "p wall mean kPa")  # fmt: skip
+            "mean rise %", "rise after hold %", "p tissue kPa", "p wall side kPa", "p wall mean kPa")  # fmt: skip
     rows = [_result(finding) for finding in findings]
     rows += [(title, *["-"] * (len(head) - 1)) for title in missing]
     notes = [f"- {f.title} ended early, at {f.end.time:.3g} s and {f.end.skin_mmhg:.3g} mmHg: {f.failure}"
@@ -60,6 +60,7 @@ def _result(finding: Finding) -> tuple[str, ...]:
         f"{finding.start_sawss:.4f}",
         f"{now.sawss:.4f}",
         f"{now.rise:.0f}",
+        f"{finding.mean_rise:.0f}",
         f"{finding.end.rise:.0f}" if finding.held else "-",
         *(f"{from_si(now.pressures[where], 'kPa'):.2f}" for where in HYDROSTATIC),
     )
@@ -71,13 +72,14 @@ def claims_table(findings: Mapping[str, Finding], claimed: Mapping[str, Any], er
     rows: list[tuple[str, ...]] = []
     for key, name in (("m_s1", "M"), ("n_likely", "N"), ("n_printed", "N")):
         if finding := findings.get(key):
-            rows += [
-                (claim, finding.title, *cells) for claim, *cells in _claims(finding.ramp_end, name, claimed, errors)
-            ]
+            rows += [(claim, finding.title, *cells) for claim, *cells in _claims(finding, name, claimed, errors)]
     return markdown_table(head, rows)
 
 
-def _claims(now: Moment, name: str, claimed: Mapping[str, Any], errors: Mapping[str, float]) -> list[tuple[str, ...]]:
+def _claims(
+    finding: Finding, name: str, claimed: Mapping[str, Any], errors: Mapping[str, float]
+) -> list[tuple[str, ...]]:
+    now = finding.ramp_end
     loss, rise, pressure = (
         claimed[key][name] for key in ("volume_reduction_percent", "sawss_rise_percent", "hydrostatic_pressure_kPa")
     )
@@ -88,6 +90,8 @@ def _claims(now: Moment, name: str, claimed: Mapping[str, Any], errors: Mapping[
          _error("volume", errors), "1"),
         (f"{name}: rise of SAWSS, %", f"{rise:g}", f"{now.rise:.0f}", f"{now.rise - rise:+.0f}",
          _error("sawss", errors), "2"),
+        (f"{name}: the same, mean of the last {SWING:g} s", f"{rise:g}", f"{finding.mean_rise:.0f}",
+         f"{finding.mean_rise - rise:+.0f}", _error("mean_sawss", errors), "2"),
         (f"{name}: hydrostatic pressure, kPa", f"{pressure:g}", " / ".join(f"{v:.2f}" for v in readings.values()),
          f"{readings[nearest] - pressure:+.2f} ({nearest.replace('_', ' ')})", "not measured", "3"),
     ]  # fmt: skip
@@ -95,7 +99,7 @@ def _claims(now: Moment, name: str, claimed: Mapping[str, Any], errors: Mapping[
 
 def _error(kind: str, errors: Mapping[str, float]) -> str:
     found = errors.get(f"{kind}_percent")
-    names = {"volume": "of the volume", "sawss": "of SAWSS"}
+    names = {"volume": "of the volume", "sawss": "of SAWSS", "mean_sawss": "of SAWSS"}
     return f"{found:.2g} % {names[kind]}" if found is not None else "not measured"
 
 
@@ -163,11 +167,24 @@ def _shear_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float]
             f"   - {finding.title}: {now.by_area:.2f} x {now.by_flow:.2f} x {now.by_profile:.2f} = "
             f"{now.sawss_ratio:.2f} at {now.time:.3g} s{after}."
         )
+    lines += _swing(findings)
     lines.append(
         f"   - The {printed['rigid_wall_flow']:g} % printed beside these rises is a ratio. If they are ratios too, "
         f"{printed['M']:g} and {printed['N']:g} % mean rises of {printed['M'] - 100:g} and {printed['N'] - 100:g} %."
     )
     return lines
+
+
+def _swing(findings: Mapping[str, Finding]) -> list[str]:
+    periods = {f.title: f.period for f in findings.values() if f.period}
+    if not periods:
+        return []
+    named = ", ".join(f"{period:.2f} s ({title})" for title, period in periods.items())
+    return [
+        "   - The start of the ramp sets the blood between the given inflow and the given outlet pressure swinging on "
+        f"the compliance of the vein, with a period of {named}, and little damps it: SAWSS at one instant depends on "
+        "the phase, its mean hardly does. Coarse steps damp it."
+    ]
 
 
 def _pressure_reason(printed: Mapping[str, float]) -> str:
@@ -228,9 +245,9 @@ def pictures(files: Mapping[str, tuple[str, Path | str]]) -> str:
 
 def terminal_table(findings: Iterable[Finding]) -> Table:
     """Return the main numbers for the terminal."""
-    heads = ("skin mmHg", "volume loss %", "SAWSS t = 0, Pa", "SAWSS, Pa", "rise %")
+    heads = ("skin mmHg", "volume loss %", "SAWSS t = 0, Pa", "SAWSS, Pa", "rise %", "mean rise %")
     table = Table("tissue", *(Column(head, justify="right") for head in heads), title="At the end of the ramp")
     for finding in findings:
-        title, skin, loss, _, start, sawss, rise = _result(finding)[:7]
-        table.add_row(title, skin, loss, start, sawss, rise, style="red" if finding.failure else "")
+        title, skin, loss, _, start, sawss, rise, mean = _result(finding)[:8]
+        table.add_row(title, skin, loss, start, sawss, rise, mean, style="red" if finding.failure else "")
     return table

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 from threading import Lock
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -138,7 +139,19 @@ def test_findings(tmp_path: Path) -> None:
     assert (now.by_flow, now.by_profile) == (pytest.approx(1.3), pytest.approx(1.5 / 1.3))
     assert now.rise == pytest.approx(100 * (0.9**-3 * 1.5 - 1))
     assert finding.end.rise == pytest.approx(100 * (0.9**-3 - 1))
+    assert finding.mean_rise == pytest.approx(100 * (1.5 * (1 - 0.19 * 0.8) ** -1.5 - 1), rel=0.01)
+    assert finding.period is None
     assert now.pressures == {"tissue_side": 3000.0, "wall_side": 5000.0, "wall_mean": 4000.0}
+
+
+def test_oscillations_are_averaged_and_timed() -> None:
+    times = np.arange(201) * 0.005
+    swing = np.sin(2 * np.pi * times / 0.125)
+    run: Any = SimpleNamespace(series={"time_s": times, "sawss_Pa": 1 + times + 0.5 * swing})
+    assert tissue_findings.mean_sawss(run, 1.0) == pytest.approx(1.8, rel=2e-3)
+    assert tissue_findings._period(times, 3 + swing) == pytest.approx(0.125, rel=0.01)
+    assert tissue_findings._period(times[::5], swing[::5]) is None  # five steps a period
+    assert tissue_findings._period(times, times) is None
 
 
 def test_findings_of_a_run_that_ended_early(tmp_path: Path) -> None:
