@@ -1,4 +1,4 @@
-"""Command line: `ngfsi run`, `study`, `materials`, `info`, `export`.
+"""Command line: `ngfsi run`, `study`, `verify`, `materials`, `info`, `export`.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
 equations could not be solved, 130 interrupted, 1 an error of the program itself.
@@ -34,6 +34,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+class Thoroughness(StrEnum):
+    """How thoroughly benchmarks are computed."""
+
+    ci = "ci"
+    full = "full"
 
 
 class Level(StrEnum):
@@ -101,6 +108,38 @@ def study(
     with _interruptible(folder):
         report = compute(level.value, folder, quiet)
     typer.echo(f"The report is in '{report}'")
+
+
+@app.command()
+def verify(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Benchmarks; default all.", metavar="[NAME]...", show_default=False)
+    ] = None,
+    level: Annotated[Thoroughness, typer.Option(help="Minutes, or hours with finer levels.")] = Thoroughness.ci,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of verification.md.")] = Path("docs"),
+    quiet: Quiet = False,
+) -> None:
+    """Hold ngfsi against exact solutions and published values.
+
+    Prints a table, writes verification.md with figures from all results so far, and fails if a benchmark does.
+
+    Example: ngfsi verify poiseuille lame --level full
+    """
+    from ngfsi import verify as engine
+    from ngfsi.output.summary import console
+    from ngfsi.output.verification import FOLDER, terminal_table, write_page
+
+    results = []
+    with _interruptible(output):
+        for name, module in engine.chosen(names or ()).items():
+            result = engine.verify(name, module, level.value, (lambda _: None) if quiet else _say)
+            result.write(output / FOLDER)
+            results.append(result)
+        page = write_page(output)
+    console().print(terminal_table(results))
+    typer.echo(f"The page is '{page}'")
+    if failed := [result.name for result in results if not result.passed]:
+        raise engine.VerificationError(f"not within their tolerance: {', '.join(failed)}")
 
 
 @app.command()

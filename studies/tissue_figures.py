@@ -39,7 +39,8 @@ def _groups(findings: Mapping[str, Finding]) -> list[Group]:
 def _series(findings: Mapping[str, Finding], groups: list[Group], folder: Path) -> Files:
     full = max(groups[0].run.case.loads.skin_pressure.breakpoints)
     events = [(full, "full skin pressure")]
-    cross = " A cross marks where a run could not go on." if any(f.failure for f in findings.values()) else ""
+    failed = any(finding.failure for finding in findings.values())
+    cross = " A cross marks where a run could not go on; it may lie outside of the frame." if failed else ""
     area, ratio = folder / "area.png", folder / "sawss_ratio.png"
     printed = [(100 - claims()["volume_reduction_percent"][name], f"{name} as printed") for name in ("M", "N")]
     time_series(groups, _relative("lumen_area_mean_m2", 100), "mean lumen area [% of that at t = 0]", area,

@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.table import Column, Table
 
+from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.study import markdown_table
 from ngfsi.units import from_si
 from studies.tissue_findings import HYDROSTATIC, SWING, Finding
@@ -44,10 +45,26 @@ def results_table(findings: Iterable[Finding], missing: Mapping[str, str]) -> st
             "mean rise %", "rise after hold %", "p tissue kPa", "p wall side kPa", "p wall mean kPa")  # fmt: skip
     rows = [_result(finding) for finding in findings]
     rows += [(title, *["-"] * (len(head) - 1)) for title in missing]
-    notes = [f"- {f.title} ended early, at {f.end.time:.3g} s and {f.end.skin_mmhg:.3g} mmHg: {f.failure}"
-             for f in findings if f.failure]  # fmt: skip
+    notes = [
+        f"- {f.title} ended early, at {f.end.time:.3g} s and {f.end.skin_mmhg:.3g} mmHg: {f.failure}. "
+        + _most_squeezed(f)
+        for f in findings
+        if f.failure
+    ]
     notes += [f"- {title} has no state at t = 0: {reason}" for title, reason in missing.items()]
     return markdown_table(head, rows) + "".join(f"\n{note}" for note in notes) + ("\n" if notes else "")
+
+
+def _most_squeezed(finding: Finding) -> str:
+    """Return a sentence on the smallest volume ratios at the end."""
+    regions = (*finding.run.case.geometry.solids, finding.run.case.geometry.fluid)
+    ratios = ", ".join(f"{name} {finding.run.series[f'detF_min_{name}_1'][-1]:.2g}" for name in regions)
+    return (
+        f"Smallest det F in its last state: {ratios}. Saint Venant-Kirchhoff, the law of the wall, softens in "
+        "compression and loses stability there: uniaxially at a stretch of 0.58."
+        if isinstance(finding.run.case.materials.wall, SaintVenantKirchhoff)
+        else f"Smallest det F in its last state: {ratios}."
+    )
 
 
 def _result(finding: Finding) -> tuple[str, ...]:

@@ -38,9 +38,9 @@ class Run:
         return np.array([row[column] for row in self.rows])
 
 
-def computed(case: Case, *, pinned: bool = False) -> Run:
+def computed(case: Case) -> Run:
     """Run a case without output."""
-    system, newton = steady(case, pinned=pinned)
+    system, newton = steady(case)
     probe = Probe(system)
     run = Run(system, newton, [], [], [])
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any
 
@@ -24,7 +23,7 @@ from ngfsi.solve.initial import initial_state
 from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
-from ngfsi.solve.unknowns import BLOCKS, Unknowns
+from ngfsi.solve.unknowns import BLOCKS
 
 Array = NDArray[np.float64]
 
@@ -80,47 +79,17 @@ def case_of(geometry: VeinSegment = BONED, **changes: Any) -> Case:
     return case.replace(**changes) if changes else case
 
 
-def system_of(case: Case, *, pinned: bool = False) -> System:
-    """Return the system of a case; `pinned`: without the rigid motions that rollers and loads leave to a tube."""
-    system = System(case, domain_of(case.geometry))
-    if pinned:
-        system.unknowns = Pinned.of(system)
-    return system
+def system_of(case: Case) -> System:
+    """Return the system of a case."""
+    return System(case, domain_of(case.geometry))
 
 
-def steady(case: Case, *, pinned: bool = False) -> tuple[System, Newton]:
+def steady(case: Case) -> tuple[System, Newton]:
     """Return the system in its steady state at t = 0, and its solver."""
-    system = system_of(case, pinned=pinned)
+    system = system_of(case)
     newton = Newton(system, choose_backend(case.solver.linear))
     initial_state(system, newton, lambda _: None)
     return system, newton
-
-
-@dataclass(frozen=True)
-class Pinned(Unknowns):
-    """Unknowns of a free tube on rollers, fixed in three points' components, which carry no force in balance."""
-
-    pins: tuple[int, ...] = ()
-
-    @classmethod
-    def of(cls, system: System) -> Pinned:
-        """Fix one vertex of the skin at z = 0 in x and y, and one opposite to it across their connection."""
-        skin = {v.nr for e in system.domain.boundaries("skin").Elements() for v in e.vertices}
-        points = {nr: np.array(system.domain.mesh[ng.NodeId(ng.VERTEX, nr)].point) for nr in skin}
-        bottom = {nr: p for nr, p in points.items() if abs(p[2]) < 1e-9}
-        first = min(bottom)
-        other = max(bottom, key=lambda nr: float(np.linalg.norm(bottom[nr] - bottom[first])))
-        across = 1 if abs(bottom[other][0] - bottom[first][0]) > abs(bottom[other][1] - bottom[first][1]) else 0
-        space = system.unknowns.space.components[0]
-        numbers = space.GetDofNrs(ng.NodeId(ng.VERTEX, first))[:2]
-        pins = (*numbers, space.GetDofNrs(ng.NodeId(ng.VERTEX, other))[across])
-        given = {f.name: getattr(system.unknowns, f.name) for f in fields(Unknowns)}
-        return cls(**given, pins=pins)
-
-    def free(self, *names: str) -> NDArray[np.bool_]:
-        mask = super().free(*names)
-        mask[list(self.pins)] = False
-        return mask
 
 
 def block(system: System, name: str, vector: Array) -> Array:

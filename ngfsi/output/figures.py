@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#0
 """Palette of Okabe and Ito, which colour-blind readers tell apart."""
 
 QUIET = "#777777"
+OVERSHOOT = 1.15
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ def time_series(
     axes.set_xlabel("time [s]")
     axes.set_ylabel(label)
     axes.margins(x=0.02)
+    _keep_readable(axes, groups, quantity)
     _legend_below(figure, axes)
     figure.savefig(path)
 
@@ -111,6 +113,47 @@ def outlines(groups: Sequence[Group], times: tuple[float, float], path: Path) ->
         panel.set_xlabel("x, lateral [mm]")
         if number % columns == 0:
             panel.set_ylabel("y, anterior [mm]")
+    figure.savefig(path)
+
+
+def _keep_readable(axes: Axes, groups: Sequence[Group], quantity: Callable[[StoredRun], Array]) -> None:
+    """Let runs that could not go on leave the frame if the others would be squeezed by them."""
+    highest = {group.run.status == "completed": 0.0 for group in groups}
+    for group in groups:
+        done = group.run.status == "completed"
+        highest[done] = max(highest[done], float(np.max(quantity(group.run))))
+    if len(highest) == 2 and highest[False] > OVERSHOOT * highest[True] > 0:
+        axes.set_ylim(top=OVERSHOOT * highest[True])
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Errors over sizes, and the slope expected of them, if any."""
+
+    label: str
+    sizes: Sequence[float]
+    errors: Sequence[float]
+    slope: float | None = None
+
+
+def convergence(panels: Mapping[str, Sequence[Convergence]], path: Path) -> None:
+    """Draw errors over sizes, a panel per title, with the expected slope dashed through the finest error."""
+    columns = min(len(panels), 3)
+    rows = -(-len(panels) // columns)
+    figure, axes = _figure(4.2 * columns, 3.6 * rows, rows, columns)
+    spaces: list[Axes] = list(np.ravel(axes))
+    for panel, (title, lines) in zip(spaces, panels.items(), strict=False):
+        for colour, line in zip(COLOURS, lines, strict=False):
+            panel.loglog(line.sizes, line.errors, "o-", color=colour, markersize=4, label=line.label)
+            if line.slope is not None:
+                expected = line.errors[-1] * (np.array(line.sizes) / line.sizes[-1]) ** line.slope
+                panel.loglog(line.sizes, expected, "--", color=colour, linewidth=1, label=f"slope {line.slope:g}")
+        panel.set_title(title, fontsize=10)
+        panel.set_xlabel("size h")
+        panel.legend(fontsize=8, frameon=False)
+    for panel in spaces[len(panels) :]:
+        panel.set_axis_off()
+    spaces[0].set_ylabel("error")
     figure.savefig(path)
 
 

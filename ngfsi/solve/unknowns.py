@@ -19,11 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.domain import Domain
+from ngfsi.errors import CaseError
 
 Ends = Literal["roller", "clamped", "free"]
 BLOCKS = ("d", "w", "p", "e")
 
 ENDS = ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outlet")
+
+SAME_HEIGHT = 1e-9
+"""Points closer (m) to an end lie on it."""
 
 Numbers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -38,7 +42,7 @@ class Unknowns:
         blocks: name -> numbers of the unknowns.
         inlet: numbers of the relative velocity's unknowns on the inlet, prescribed there.
         order: polynomial order k.
-        solvable: mask of the unknowns that no boundary condition prescribes. The space's own `FreeDofs` is wrong:
+        solvable: mask of the unknowns that no condition prescribes. The space's own `FreeDofs` is wrong:
             `Compress` forgets conditions on single components (`dirichletz`).
         equations: number of the test function whose equation is that of each unknown. The balance of momentum is
             tested with all functions of m, the mesh motion with those of w: so the traction of the blood acts on the
@@ -57,12 +61,18 @@ class Unknowns:
         """Return the unknowns of polynomial order k: m and w of order k and p of order k - 1.
 
         Roller: the end faces slide in their plane; clamped: they are fixed; free: they carry no load.
-        Bones are fixed.
+        Bones are fixed; without bones, rollers leave the rigid motions in the plane free, and three components of
+        two points of the skin are held, which carry no force in balance.
+
+        Raises:
+            CaseError: neither bones nor ends hold the segment.
         """
         mesh, fluid = domain.mesh, domain.geometry.fluid
         bones = [name for name in ("tibia", "fibula") if name in domain.geometry.boundary_names]
         ends_there = [name for name in ENDS if name in domain.geometry.boundary_names]
         fixed = {"dirichlet": "|".join(bones + (ends_there if ends == "clamped" else []))}
+        if ends == "free" and not bones:
+            raise CaseError("conditions.ends = 'free' leaves a segment without bones adrift: use 'roller' or 'clamped'")
         if ends == "roller":
             fixed["dirichletz"] = "|".join(ends_there)
         motion = ng.VectorH1(mesh, order=order, **{key: names for key, names in fixed.items() if names})
@@ -79,6 +89,8 @@ class Unknowns:
         solvable = np.concatenate(
             [_mask(motion.FreeDofs()), _mask(velocity.FreeDofs())[_mask(inside)], np.ones_like(in_p, dtype=bool)]
         )
+        if ends == "roller" and not bones:
+            solvable[_against_rigid_motion(domain, motion)] = False
         return cls(space, blocks, in_w[on_inlet], order, solvable, equations)
 
     @property
@@ -107,6 +119,17 @@ def _same_functions(domain: Domain, space: Any) -> Numbers:
     if len(np.unique(same)) < len(same) or np.any(same < 0):
         raise RuntimeError("the spaces of mesh motion and relative velocity do not match")
     return same
+
+
+def _against_rigid_motion(domain: Domain, motion: Any) -> list[int]:
+    """Return both components in the plane of one vertex of the skin, and one of that opposite, across their line."""
+    vertices = {v for element in domain.boundaries("skin").Elements() for v in element.vertices}
+    points = {v: np.array(domain.mesh[v].point) for v in vertices if abs(domain.mesh[v].point[2]) < SAME_HEIGHT}
+    first = min(points, key=lambda v: v.nr)
+    other = max(points, key=lambda v: float(np.linalg.norm(points[v] - points[first])))
+    along = points[other] - points[first]
+    across = 1 if abs(along[0]) > abs(along[1]) else 0
+    return [*motion.GetDofNrs(first)[:2], motion.GetDofNrs(other)[across]]
 
 
 def _mask(bits: Any) -> Mask:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from ngfsi.domain import Domain
+from ngfsi.errors import CaseError
 from ngfsi.solve.unknowns import BLOCKS, Unknowns
-from tests.vein import BONED, domain_of
+from tests.vein import BONED, TUBE, domain_of
 
 ENDS = ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outlet")
 
@@ -109,3 +110,19 @@ def test_blocks(domain: Domain, order: int) -> None:
     vertices = len({v.nr for element in domain.materials("fluid").Elements() for v in element.vertices})
     if order == 2:  # linear pressure: one unknown for each vertex
         assert unknowns.free("p").sum() == vertices
+
+
+def test_without_bones() -> None:
+    """Rollers leave three rigid motions, which three components hold; free ends would leave six."""
+    domain = domain_of(TUBE)
+    rollers, ends = (Unknowns.build(domain, 2, "roller"), ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom"))
+    moving = [ng.CF((1, 0, 0)), ng.CF((0, 1, 0)), ng.CF((-ng.y, ng.x, 0))]
+    motions, held = [], ~rollers.free("d")[rollers.blocks["d"]]
+    for motion in moving:
+        field = ng.GridFunction(rollers.space)
+        field.components[0].Set(motion)
+        assert not sizes(domain, field.components[0], *ends)[2]
+        motions.append(np.array(field.vec.FV().NumPy())[rollers.blocks["d"]][held])
+    assert np.linalg.matrix_rank(np.array(motions), tol=1e-6) == 3
+    with pytest.raises(CaseError, match="'free' leaves a segment without bones adrift: use 'roller' or 'clamped'"):
+        Unknowns.build(domain, 2, "free")

@@ -1,0 +1,212 @@
+"""Verification: benchmarks against exact solutions and published values, their table, figures and page.
+
+A benchmark is a module of `studies.verification` that exports CASE (a `Benchmark`), LEVELS and REFERENCES. LEVELS gives
+for each level and each series (e.g. a polynomial order) the settings to compute, from coarse to fine; the finest is
+held against the references, and the last two give the observed order of convergence.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from math import log
+from pathlib import Path
+from pkgutil import iter_modules
+from time import perf_counter
+from types import ModuleType
+from typing import Any, ClassVar
+
+from ngfsi.errors import NgfsiError, OutputError, unknown
+
+Setting = Mapping[str, Any]
+"""What a computation of a series is made with; `h`, the size that is refined, is for the order of convergence."""
+Values = dict[str, float]
+Levels = Mapping[str, Mapping[str, Sequence[Setting]]]
+
+ORDER_SLACK = 0.3
+"""An observed order may be this much below the expected one: levels are few and coarse."""
+
+
+class VerificationError(NgfsiError):
+    """A benchmark could not be computed, or failed."""
+
+    exit_code: ClassVar[int] = 3
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """What is computed.
+
+    Attributes:
+        title: of table and page.
+        solves: what is solved, and with which part of ngfsi.
+        exact: what it is held against.
+        compute: setting -> quantities, in the units of the references.
+    """
+
+    title: str
+    solves: str
+    exact: str
+    compute: Callable[[Setting], Values]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a quantity must be.
+
+    Attributes:
+        quantity: name of the quantity.
+        value: what it must be; 0 for errors, which are held against the tolerance as they are.
+        unit: of the value; "1" for pure numbers.
+        tolerance: largest relative error (absolute where `value` is 0), of all series or by series.
+        source: where the value comes from.
+        order: expected order of convergence, of all series or by series; None: not asked.
+    """
+
+    quantity: str
+    value: float
+    unit: str
+    tolerance: float | Mapping[str, float]
+    source: str
+    order: float | Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity of one series: computed, reference, error, observed order and whether both are good enough."""
+
+    series: str
+    quantity: str
+    unit: str
+    computed: float
+    reference: float
+    error: float
+    tolerance: float
+    order: float | None
+    expected_order: float | None
+    source: str
+    sizes: tuple[float, ...]
+    errors: tuple[float, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether error and order are good enough."""
+        good = self.error <= self.tolerance
+        if self.expected_order is None:
+            return good
+        return good and self.order is not None and self.order >= self.expected_order - ORDER_SLACK
+
+
+@dataclass(frozen=True)
+class Result:
+    """A benchmark at a level."""
+
+    name: str
+    level: str
+    title: str
+    solves: str
+    exact: str
+    seconds: float
+    rows: tuple[Row, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether all rows passed."""
+        return all(row.passed for row in self.rows)
+
+    def write(self, folder: Path) -> None:
+        """Store the result as JSON."""
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{self.name}.json").write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+
+    @classmethod
+    def read(cls, path: Path) -> Result:
+        """Return a stored result."""
+        data = json.loads(path.read_text(encoding="utf-8"))
+        rows = (Row(**row | {key: tuple(row[key]) for key in ("sizes", "errors")}) for row in data.pop("rows"))
+        return cls(**data, rows=tuple(rows))
+
+
+def benchmarks() -> dict[str, ModuleType]:
+    """Return the modules of the benchmarks by name.
+
+    Raises:
+        OutputError: there is no clone around the engine to hold them.
+    """
+    try:
+        package = import_module("studies.verification")
+    except ModuleNotFoundError:
+        raise OutputError(
+            "the benchmarks are not installed: they work from a clone of the project, installed with pip -e"
+        ) from None
+    modules = (import_module(f"{package.__name__}.{info.name}") for info in iter_modules(package.__path__))
+    return {module.__name__.rpartition(".")[2]: module for module in modules if hasattr(module, "CASE")}
+
+
+def chosen(names: Iterable[str]) -> dict[str, ModuleType]:
+    """Return the named benchmarks, or all.
+
+    Raises:
+        OutputError: a name is unknown.
+    """
+    known = benchmarks()
+    for name in names:
+        if name not in known:
+            raise OutputError(unknown("benchmark", name, known))
+    return {name: known[name] for name in names} or known
+
+
+def verify(name: str, module: ModuleType, level: str, say: Callable[[str], None] = lambda _: None) -> Result:
+    """Compute a benchmark at a level and hold it against its references.
+
+    Args:
+        say: takes a line before each computation.
+
+    Raises:
+        VerificationError: a computation failed, or gave no value for a reference.
+    """
+    case: Benchmark = module.CASE
+    levels: Levels = module.LEVELS
+    started, rows = perf_counter(), []
+    for series, settings in levels[level].items():
+        computed = []
+        for setting in settings:
+            say(f"{name}, {series}: {', '.join(f'{key} {value}' for key, value in setting.items())}")
+            try:
+                computed.append(case.compute(setting))
+            except NgfsiError as error:
+                raise VerificationError(f"benchmark '{name}', {series}, {dict(setting)}: {error}") from error
+        sizes = tuple(float(setting.get("h", 0)) for setting in settings)
+        rows += [_row(reference, series, sizes, computed) for reference in module.REFERENCES]
+    return Result(name, level, case.title, case.solves, case.exact, perf_counter() - started, tuple(rows))
+
+
+def _row(reference: Reference, series: str, sizes: tuple[float, ...], computed: Sequence[Values]) -> Row:
+    quantity = reference.quantity
+    if any(quantity not in values for values in computed):
+        raise VerificationError(f"'{quantity}' was not computed: {sorted(computed[-1])}")
+    scale = abs(reference.value) or 1.0
+    errors = tuple(abs(values[quantity] - reference.value) / scale for values in computed)
+    order = None
+    if len(errors) > 1 and min(*errors[-2:], sizes[-1]) > 0:
+        order = log(errors[-2] / errors[-1]) / log(sizes[-2] / sizes[-1])
+    return Row(
+        series=series,
+        quantity=quantity,
+        unit=reference.unit,
+        computed=computed[-1][quantity],
+        reference=reference.value,
+        error=errors[-1],
+        tolerance=_of_series(reference.tolerance, series),
+        order=order,
+        expected_order=None if reference.order is None else _of_series(reference.order, series),
+        source=reference.source,
+        sizes=sizes,
+        errors=errors,
+    )
+
+
+def _of_series(value: float | Mapping[str, float], series: str) -> float:
+    return value[series] if isinstance(value, Mapping) else value

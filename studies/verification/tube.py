@@ -1,0 +1,78 @@
+"""A vein in a tissue cylinder, solved with the coupled system, for benchmarks with radial symmetry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+
+from geometry.segment import MeshSettings
+from geometry.tube import TubeSegment
+from ngfsi.case import Case, Discretisation, Loads, Materials, Solver, TimeStepping
+from ngfsi.curves import FlowConstant, PressureConstant
+from ngfsi.domain import Domain
+from ngfsi.materials import Newtonian, SolidLaw
+from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.initial import initial_state
+from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.system import System
+
+BLOOD = Newtonian(density=1060.0, viscosity=3.5e-3)
+PASSIVE = 1e-10
+"""Flow (m3/s) per blood pressure (Pa) that presses on nothing: its own drop of pressure is 1e-6 of it."""
+
+
+def system(geometry: TubeSegment, law: SolidLaw, wall: SolidLaw, inside: float, outside: float, **more: Any) -> System:
+    """Return the system of a tube under pressures (Pa) inside and outside, with the order of its curving.
+
+    Args:
+        more: changes of the case.
+    """
+    case = Case(
+        name="verification",
+        geometry=geometry,
+        materials=Materials(tissue=law, wall=wall, fluid=BLOOD),
+        loads=Loads(
+            skin_pressure=PressureConstant(value=outside),
+            inlet_flow=FlowConstant(value=PASSIVE * inside),
+            outlet_pressure=PressureConstant(value=inside),
+        ),
+        discretisation=Discretisation(order=geometry.curving_order),
+        time=TimeStepping(step=0.1, end=0.1),
+        solver=Solver(compile=False),
+    ).replace(**more)
+    return System(case, Domain.build(geometry))
+
+
+def inner_radius_change(
+    inner: float, wall_thickness: float, outer: float, laws: tuple[SolidLaw, SolidLaw], inside: float, outside: float,
+    *, order: int, refinement: int,
+) -> float:  # fmt: skip
+    """Return the change (m) of the lumen's radius under pressures (Pa), from its volume, by the coupled system.
+
+    Args:
+        laws: of wall and of tissue.
+        refinement: number of layers in the wall, twice as many in the tissue.
+    """
+    geometry = TubeSegment(
+        length=2e-3,
+        lumen_diameter=2 * inner,
+        wall_thickness=wall_thickness,
+        outer_radius=outer,
+        mesh=MeshSettings(
+            element="mixed",
+            axial_layers=1,
+            far_size=5e-3 / refinement,
+            vein_size=4e-3 / refinement,
+            wall_layers=refinement,
+            lumen_radii=(),
+            curving_order=order,
+        ),
+    )
+    found = system(geometry, laws[1], laws[0], inside, outside)
+    initial_state(found, Newton(found, choose_backend("auto")), lambda _: None)
+    motion = Kinematics(found.fields(found.state.components).grad_motion)
+    volume = ng.Integrate(motion.J * found.domain.dx("fluid", bonus_intorder=8), found.domain.mesh)
+    return float(inner * (np.sqrt(volume / found.domain.volume("fluid")) - 1))
