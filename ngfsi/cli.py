@@ -125,9 +125,9 @@ def verify(
 
     Example: ngfsi verify poiseuille lame --level full
     """
-    from ngfsi import verify as engine
     from ngfsi.output.summary import console
-    from ngfsi.output.verification import FOLDER, terminal_table, write_page
+    from ngfsi.verify import engine
+    from ngfsi.verify.page import FOLDER, terminal_table, write_page
 
     results = []
     with _interruptible(output):

@@ -12,7 +12,7 @@ import ngfsi
 ROOT = Path(ngfsi.__file__).parent
 ORDER = (
     "errors", "units", "complaint", "section", "curves", "builders", "materials", "case", "curving", "meshing",
-    "domain", "physics", "solve", "measure", "output", "run", "study", "cli",
+    "domain", "physics", "solve", "measure", "output", "run", "study", "verify", "cli",
 )  # fmt: skip
 
 

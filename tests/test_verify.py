@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from ngfsi import cli, verify
+from ngfsi import cli
 from ngfsi.errors import OutputError
-from ngfsi.output.verification import FOLDER, write_page
 from ngfsi.verify import Benchmark, Reference, Result, Setting, VerificationError
+from ngfsi.verify import engine as verify
+from ngfsi.verify.page import FOLDER, write_page
 
 
 @pytest.mark.parametrize("name", verify.benchmarks())

@@ -1,4 +1,4 @@
-"""Verification: benchmarks against exact solutions and published values, their table, figures and page.
+"""Benchmarks: found, computed, and held against their references.
 
 A benchmark is a module of `studies.verification` that exports CASE (a `Benchmark`), LEVELS and REFERENCES. LEVELS gives
 for each level and each series (e.g. a polynomial order) the settings to compute, from coarse to fine; the finest is

@@ -12,7 +12,7 @@ from ngfsi.output.figures import Convergence, convergence
 from ngfsi.output.provenance import versions
 from ngfsi.output.table import explained
 from ngfsi.study import markdown_table
-from ngfsi.verify import Result, Row
+from ngfsi.verify.engine import Result, Row
 
 HEAD = ("quantity", "computed", "reference", "error", "allowed", "observed order", "expected", "")
 PAGE, FOLDER = "verification.md", "verification"
