@@ -15,6 +15,7 @@ from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import TimeLoop
+from studies.verification.balances import Smooth
 from tests.conftest import SQUEEZED
 from tests.runs import Run, computed, largest_change
 from tests.slopes import apply
@@ -263,17 +264,6 @@ def test_cubic_displacements(squeezed: Run, squeezed_finely: Run) -> None:
     assert squeezed_finely[SHEAR] == pytest.approx(squeezed[SHEAR][:2], rel=0.15)
 
 
-class Smooth(PressureRamp):
-    """A load that starts and ends without a kink: final sin^4 (pi t / (2 duration))."""
-
-    def __call__(self, t: float) -> float:
-        return self.final * float(np.sin(np.pi / 2 * t / self.duration)) ** 4
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        return ()
-
-
 @pytest.fixture(scope="module")
 def oozing() -> tuple[System, Newton]:
     """A vein full of something so thick that it flows out slowly: no waves, which no step here would resolve."""
@@ -304,6 +294,5 @@ def test_order_in_time(oozing: tuple[System, Newton], scheme: str, order: float)
         areas.append(ng.Integrate(J * system.domain.dx("fluid"), system.domain.mesh))
     system.values[:] = start
     coarse, fine = np.diff(areas)
-    print(np.log2(coarse / fine), abs(fine), areas[0])
     assert np.log2(coarse / fine) == pytest.approx(order, abs=0.25)
     assert abs(fine) > 1e-7 * areas[0]

@@ -1,0 +1,95 @@
+"""Energies and powers of the whole system: what goes in is stored, moves, is dissipated, or leaves.
+
+d/dt (stored + kinetic) = power of the skin's pressure + power through inlet and outlet - dissipation, with the kinetic
+energy that the blood carries through the openings in their powers. The solution of the coupled system obeys that up to
+the errors of the time scheme, and of div u = 0, which holds only against the functions of the pressure.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from ngsolve import Det, Id, InnerProduct
+
+from ngfsi.domain import Domain
+from ngfsi.physics import terms
+from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.system import System
+
+
+class Energy:
+    """Energies (J) and powers (W) of a system's present state."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        domain, order = system.domain, system.unknowns.order
+        self._stored = self._stored_energy(domain)
+        fields = system.fields(system.state.components)
+        k = Kinematics(fields.grad_motion)
+        u, rho = fields.velocity, system.blood_density
+        fluid = domain.dx(domain.geometry.fluid, bonus_intorder=2 * order)
+        motion_rate = system.new_weight * system.state.components[0] + system.velocity_history.components[0]
+        blood = system.case.materials.fluid
+        self._kinetic = [rho / 2 * k.J * InnerProduct(u, u) * fluid] + [
+            law.density / 2 * InnerProduct(motion_rate, motion_rate) * domain.dx(name)
+            for name, law in system.solids.items()
+        ]
+        stress = terms.viscous_stress(blood, k, fields.grad_velocity)
+        self._dissipation = InnerProduct(stress * k.cof, fields.grad_velocity) * fluid
+        normal = ng.specialcf.normal(3)
+        self._skin = -terms.follower_pressure(system.skin_pressure, k, normal, motion_rate) * domain.ds("skin")
+        openings = domain.ds("inlet", "outlet", bonus_intorder=2 * order)
+        flux = terms.relative_flux(k, fields.relative, normal)
+        self._carried = rho / 2 * InnerProduct(u, u) * flux * openings
+        # facets of volume elements, since the outlet's traction needs the full gradient of the velocity
+        trace = domain.ds("outlet", skeleton=True, bonus_intorder=2 * order)
+        test = system.unknowns.space.TestFunction()[0]
+        self._outlet = ng.LinearForm(system.unknowns.space)
+        self._outlet += (
+            -terms.outflow(
+                blood, rho, system.outlet_pressure, k, fields.grad_velocity, u, fields.relative, normal, test
+            )
+            * trace
+        )
+
+    def stored(self) -> float:
+        """Return the energy of tissue and wall (J)."""
+        return self._sum(self._stored)
+
+    def kinetic(self) -> float:
+        """Return the kinetic energy of tissue, wall and blood (J)."""
+        return self._sum(self._kinetic)
+
+    def dissipation(self) -> float:
+        """Return the power that the blood's viscosity turns into heat (W)."""
+        return self._sum([self._dissipation])
+
+    def skin_power(self) -> float:
+        """Return the power of the pressure on the skin (W)."""
+        return self._sum([self._skin])
+
+    def flow_power(self) -> float:
+        """Return the power through inlet and outlet (W): of tractions, and of the kinetic energy carried in or out."""
+        system = self.system
+        unknowns, rates = system.unknowns, system.rates()
+        velocity = np.zeros(unknowns.size)  # of the blood, as a function of the motion's space
+        velocity[: unknowns.space.Range(0).stop] = rates[: unknowns.space.Range(0).stop]
+        velocity[unknowns.blocks["e"]] += system.values[unknowns.blocks["w"]]
+        self._outlet.Assemble()
+        outlet = float(np.dot(self._outlet.vec.FV().NumPy(), velocity))
+        # the force that makes the blood enter as prescribed is what the balance of momentum lacks there
+        lacking = np.array(system.residual().FV().NumPy())[unknowns.inlet]
+        inlet = float(np.dot(lacking, velocity[unknowns.equations[unknowns.inlet]]))
+        return inlet + outlet - self._sum([self._carried])
+
+    def _stored_energy(self, domain: Domain) -> list[Any]:
+        F, G = Id(3) + ng.Grad(self.system.state.components[0]), self.system.stress_free_gradient()
+        return [
+            (law.energy(F) if G is None else law.energy(F * G) / Det(G)) * domain.dx(name)
+            for name, law in self.system.solids.items()
+        ]
+
+    def _sum(self, integrals: list[Any]) -> float:
+        return float(sum(ng.Integrate(integral, self.system.domain.mesh) for integral in integrals))

@@ -1,0 +1,102 @@
+"""Balances of energy and of volume while a vein is squeezed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.segment import MeshSettings
+from geometry.tube import TubeSegment
+from ngfsi.case import TimeStepping
+from ngfsi.curves import FlowConstant, PressureRamp
+from ngfsi.materials import CompressibleNeoHookean
+from ngfsi.measure.energy import Energy
+from ngfsi.measure.probe import Probe
+from ngfsi.solve.initial import initial_state
+from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.timeloop import TimeLoop
+from ngfsi.verify import Benchmark, Reference, Setting, Values
+from studies.verification.tube import system
+
+Array = NDArray[np.float64]
+
+SOLID = CompressibleNeoHookean(young=30e3, poisson=0.3, density=1060.0)
+END = 0.2
+
+
+class Smooth(PressureRamp):  # type: ignore[valid-type, misc]
+    """A pressure that rises without a kink: final sin^4(pi t / (2 duration))."""
+
+    def __call__(self, t: float) -> float:
+        return float(self.final) * float(np.sin(np.pi / 2 * t / self.duration)) ** 4
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return ()
+
+
+def compute(setting: Setting) -> Values:
+    """Return what the balances lack, over the work of the skin's pressure and over the volume that is lost."""
+    geometry = TubeSegment(
+        length=10e-3, wall_thickness=2e-3, outer_radius=14e-3,
+        mesh=MeshSettings(element="mixed", axial_layers=1, far_size=20e-3, vein_size=6e-3, lumen_radii=(0.6,),
+                          curving_order=2),
+    )  # fmt: skip
+    loads = {
+        "loads.skin_pressure": Smooth(final=1000.0, duration=2 * END),
+        "loads.inlet_flow": FlowConstant(value=2.9e-6),
+        "time": TimeStepping(step=setting["h"], end=END, scheme=setting["scheme"]),
+    }
+    found = system(geometry, SOLID, SOLID, 1333.22, 0.0, **loads)
+    newton = Newton(found, choose_backend("auto"))
+    initial_state(found, newton, lambda _: None)
+    energy, probe = Energy(found), Probe(found)
+    rows = [_row(0.0, energy, probe)]
+    rows += [_row(step.time, energy, probe) for step in TimeLoop(found.case, found, newton, str, _ignore).run()]
+    times, stored, kinetic, heat, skin, flow, volume, rate = np.array(rows).T
+    total = stored + kinetic
+    lacking = total[-1] - total[0] - np.trapezoid(skin + flow - heat, times)
+    return {
+        "energy: rest over work of the skin": abs(lacking) / float(np.trapezoid(skin, times)),
+        "energy at rest: power in over dissipation": float(flow[0] / heat[0]),
+        "volume: rest over loss": abs((volume[-1] - volume[0]) / np.trapezoid(rate, times) - 1),
+    }
+
+
+def _row(time: float, energy: Energy, probe: Probe) -> list[float]:
+    probe.refresh()
+    powers = (energy.dissipation(), energy.skin_power(), energy.flow_power())
+    volume = (probe.integral("lumen volume"), probe.integral("lumen rate"))
+    return [time, energy.stored(), energy.kinetic(), *powers, *volume]
+
+
+def _ignore(_line: Any) -> None:
+    return None
+
+
+CASE = Benchmark(
+    title="Balances of energy and volume",
+    solves="a vein in tissue whose skin pressure rises smoothly within 0.2 s while blood flows in at a constant rate; "
+    "all terms of the energy balance are integrated over the deformed shapes: energy of the solids, kinetic energies, "
+    "heat, powers of the skin's pressure and of the tractions at inlet and outlet, kinetic energy carried through them",
+    exact="nothing is left: what the balances lack over the run is the error of the time scheme and of the sum over "
+    "the steps (trapezoidal rule), and falls with its order; at rest, heat is the power of the flow",
+    compute=compute,
+)
+LEVELS = {
+    level: {scheme: tuple({"scheme": scheme, "h": h} for h in steps) for scheme in schemes}
+    for level, schemes, steps in (
+        ("ci", ("bdf2",), (0.01, 0.005)),
+        ("full", ("bdf2", "backward_euler"), (0.02, 0.01, 0.005, 0.0025)),
+    )
+}
+BALANCE, ORDERS = "balance", {"bdf2": 2.0, "backward_euler": 1.0}
+ALLOWED = {"bdf2": 1e-2, "backward_euler": 5e-2}
+REFERENCES = (
+    Reference("energy: rest over work of the skin", 0.0, "1", ALLOWED, BALANCE, ORDERS),
+    Reference("energy at rest: power in over dissipation", 1.0, "1", 1e-3, BALANCE),
+    Reference("volume: rest over loss", 0.0, "1", ALLOWED, BALANCE, ORDERS),
+)
