@@ -93,6 +93,7 @@ def test_page(tmp_path: Path) -> None:
     assert "![Convergence](verification/one.png)" in text
     assert (tmp_path / FOLDER / "one.png").stat().st_size > 10_000
     assert "Sources: a book; a paper" in text
+    assert "**Not verified:** Transient motion" in text
 
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -145,6 +145,11 @@ def benchmarks() -> dict[str, ModuleType]:
     return {module.__name__.rpartition(".")[2]: module for module in modules if hasattr(module, "CASE")}
 
 
+def not_verified() -> str:
+    """Return what the benchmarks leave open."""
+    return str(import_module("studies.verification").NOT_VERIFIED)
+
+
 def chosen(names: Iterable[str]) -> dict[str, ModuleType]:
     """Return the named benchmarks, or all.
 

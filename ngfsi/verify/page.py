@@ -12,7 +12,7 @@ from ngfsi.output.figures import Convergence, convergence
 from ngfsi.output.provenance import versions
 from ngfsi.output.table import explained
 from ngfsi.study import markdown_table
-from ngfsi.verify.engine import Result, Row
+from ngfsi.verify.engine import Result, Row, not_verified
 
 HEAD = ("quantity", "computed", "reference", "error", "allowed", "observed order", "expected", "")
 PAGE, FOLDER = "verification.md", "verification"
@@ -47,6 +47,7 @@ def _text(results: Sequence[Result]) -> str:
                 (f"[{r.title}](#{_anchor(r.title)})", r.level, f"{r.seconds:.0f}", "yes" if r.passed else "**no**")
                 for r in results
             ]),
+            "**Not verified:** " + not_verified() + "\n",
             *(_section(result) for result in results),
             "## Computed with\n",
             ", ".join(f"{name} {version}" for name, version in versions().items()) + "\n",
