@@ -148,6 +148,9 @@ def convergence(panels: Mapping[str, Sequence[Convergence]], path: Path) -> None
             if line.slope is not None:
                 expected = line.errors[-1] * (np.array(line.sizes) / line.sizes[-1]) ** line.slope
                 panel.loglog(line.sizes, expected, "--", color=colour, linewidth=1, label=f"slope {line.slope:g}")
+        sizes = sorted({size for line in lines for size in line.sizes})
+        panel.set_xticks(sizes, [f"{size:.3g}" for size in sizes])
+        panel.set_xticks([], minor=True)
         panel.set_title(title, fontsize=10)
         panel.set_xlabel("size h")
         panel.legend(fontsize=8, frameon=False)

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ngfsi.output import figures
-from ngfsi.output.figures import COLOURS, Group, outlines, ring_area, time_series
+from ngfsi.output.figures import COLOURS, Convergence, Group, convergence, outlines, ring_area, time_series
 from ngfsi.output.stored import StoredRun
 
 
@@ -91,3 +91,15 @@ def test_ring_area() -> None:
     square = np.array([[0.0, 0], [2, 0], [2, 3], [0, 3]])
     assert ring_area(square) == 6
     assert ring_area(np.vstack([square, square[:1]])[::-1]) == 6
+
+
+def test_convergence(tmp_path: Path, drawn: list[Figure]) -> None:
+    sizes = (1.0, 0.5, 0.25)
+    lines = [Convergence("k = 2", sizes, (0.08, 0.01, 0.00125), 3.0), Convergence("k = 3", sizes, (0.02, 0.001, 1e-4))]
+    convergence({"velocity": lines, "pressure": lines[:1]}, tmp_path / "convergence.png")
+    left, right = drawn[0].axes
+    assert (left.get_title(), right.get_title(), left.get_xscale()) == ("velocity", "pressure", "log")
+    computed, slope, other = left.get_lines()
+    np.testing.assert_allclose(slope.get_ydata(), computed.get_ydata())  # of third order indeed
+    assert other.get_label() == "k = 3"
+    assert [tick.get_text() for tick in left.get_xticklabels()] == ["0.25", "0.5", "1"]
