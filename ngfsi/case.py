@@ -102,7 +102,7 @@ class Solver(Section):
     linear: Literal["auto", "pardiso", "umfpack"] = "auto"
     """auto: pardiso where MKL is installed, else umfpack."""
     compile: bool = True
-    """Compile the forms to machine code where a C++ compiler is found: costs about 25 s, and pays from 30 steps on."""
+    """Compile the forms to machine code where a C++ compiler is found: costs about 25 s, and pays from 50 steps on."""
 
 
 class Output(Section):

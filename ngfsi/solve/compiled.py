@@ -1,4 +1,4 @@
-"""Integrands compiled to machine code where a C++ compiler is at hand: tissue residuals then cost a seventh."""
+"""Integrands compiled to machine code where a C++ compiler is at hand: residuals then cost half."""
 
 from __future__ import annotations
 
