@@ -100,14 +100,9 @@ def outlines(groups: Sequence[Group], times: tuple[float, float], path: Path) ->
         times: before and after [s]; the stored outlines nearest to them are drawn.
         path: file to write.
     """
-    columns = min(len(groups), 4)
-    rows = -(-len(groups) // columns)
-    figure, axes = _figure(2.9 * columns + 0.4, 3.1 * rows + 0.5, rows, columns)
-    panels: list[Axes] = list(np.ravel(axes))
+    figure, panels, columns = _panels(len(groups), 4, (2.9, 3.1), (0.4, 0.5))
     for panel, group in zip(panels, groups, strict=False):
         _outline_panel(panel, group, times)
-    for panel in panels[len(groups) :]:
-        panel.set_axis_off()
     _share_frame(panels[: len(groups)])
     for number, panel in enumerate(panels):
         panel.set_xlabel("x, lateral [mm]")
@@ -138,10 +133,7 @@ class Convergence:
 
 def convergence(panels: Mapping[str, Sequence[Convergence]], path: Path) -> None:
     """Draw errors over sizes, a panel per title, with the expected slope dashed through the finest error."""
-    columns = min(len(panels), 3)
-    rows = -(-len(panels) // columns)
-    figure, axes = _figure(4.2 * columns, 3.6 * rows, rows, columns)
-    spaces: list[Axes] = list(np.ravel(axes))
+    figure, spaces, _ = _panels(len(panels), 3, (4.2, 3.6), (0.0, 0.0))
     for panel, (title, lines) in zip(spaces, panels.items(), strict=False):
         for colour, line in zip(COLOURS, lines, strict=False):
             panel.loglog(line.sizes, line.errors, "o-", color=colour, markersize=4, label=line.label)
@@ -154,8 +146,6 @@ def convergence(panels: Mapping[str, Sequence[Convergence]], path: Path) -> None
         panel.set_title(title, fontsize=10)
         panel.set_xlabel("size h")
         panel.legend(fontsize=8, frameon=False)
-    for panel in spaces[len(panels) :]:
-        panel.set_axis_off()
     spaces[0].set_ylabel("error")
     figure.savefig(path)
 
@@ -201,6 +191,19 @@ def _range(runs: Sequence[StoredRun], quantity: Callable[[StoredRun], Array], ti
 def _legend_below(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+
+
+def _panels(
+    count: int, most: int, size: tuple[float, float], margin: tuple[float, float]
+) -> tuple[Figure, list[Axes], int]:
+    """Return a figure, its panels in rows of at most `most`, those beyond `count` empty, and the number of columns."""
+    columns = min(count, most)
+    rows = -(-count // columns)
+    figure, axes = _figure(size[0] * columns + margin[0], size[1] * rows + margin[1], rows, columns)
+    panels: list[Axes] = list(np.ravel(axes))
+    for panel in panels[count:]:
+        panel.set_axis_off()
+    return figure, panels, columns
 
 
 def _figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:

@@ -40,11 +40,22 @@ def initial_state(system: System, newton: Newton, say: Say) -> int:
         _with_inertia(system, newton)
         return newton.factorisation.count
     say("steady flow in the given shape")
-    flow = Newton(system, newton.factorisation.backend, "w", "p")
-    _in_load_steps(system, flow)
-    _with_inertia(system, flow)
+    flow = steady_flow(system, newton.factorisation.backend)
     say("stress-free shape by inverse design")
     return flow.factorisation.count + _relax(system, newton.factorisation.backend)
+
+
+def steady_flow(system: System, backend: Backend) -> Newton:
+    """Solve for the steady flow at t = 0 in the present shape, which is held, and return its solver.
+
+    Raises:
+        SolverError: no steady flow was found.
+    """
+    system.set_steady()
+    flow = Newton(system, backend, "w", "p")
+    _in_load_steps(system, flow)
+    _with_inertia(system, flow)
+    return flow
 
 
 def _in_load_steps(system: System, newton: Newton) -> None:

@@ -1,6 +1,6 @@
 """Benchmarks of `ngfsi verify`: each module with a CASE is one, and exports LEVELS and REFERENCES too.
 
-`tube` computes, `radial` has independent solutions for rings; they are no benchmarks.
+`tube` and `solid` compute, `radial` has independent solutions for rings; they are no benchmarks.
 """
 
 NOT_VERIFIED = (

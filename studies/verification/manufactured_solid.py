@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import Grad, GridFunction, Id, InnerProduct, cos, sin
+from ngsolve import Grad, GridFunction, Id, cos, sin
 
 from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
 from ngfsi.domain import Domain
 from ngfsi.materials import load_set
 from ngfsi.physics import terms
-from ngfsi.solve.linear import Factorisation, choose_backend
-from ngfsi.verify import Benchmark, Reference, Setting, Values, VerificationError
+from ngfsi.verify import Benchmark, Reference, Setting, Values
+from studies.verification.solid import solve
+from studies.verification.tube import relative_error
 
 RADIUS, WALL, OUTER, LENGTH = 5e-3, 2e-3, 9e-3, 4e-3
 REGIONS = ("tissue", "wall", "fluid")
-NEWTON_STEPS = 12
 
 
 def displacement(amplitude: float = 4e-4) -> tuple[ng.CoefficientFunction, ng.CoefficientFunction]:
@@ -52,28 +52,11 @@ def compute(setting: Setting) -> Values:
     outer = domain.boundaries("skin", "tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outlet")
     found.Set(exact, definedon=outer, bonus_intorder=4)
     free = ~np.array(list(space.GetDofs(outer)))
-    factorisation = Factorisation(form, free, choose_backend("auto"))
-    residual, update = found.vec.CreateVector(), found.vec.CreateVector()
-    for _ in range(NEWTON_STEPS):
-        form.Apply(found.vec, residual)
-        residual.data -= forces.vec
-        residual.FV().NumPy()[~free] = 0.0
-        factorisation.renew(found.vec)
-        factorisation.solve(residual, update)
-        found.vec.data -= update
-        if np.abs(update.FV().NumPy()).max() < 1e-13:
-            break
-    else:
-        raise VerificationError("Newton's method did not converge")
-
-    def norm(field: ng.CoefficientFunction) -> float:
-        return float(
-            np.sqrt(ng.Integrate(InnerProduct(field, field) * domain.dx(*REGIONS, bonus_intorder=6), domain.mesh))
-        )
+    solve(form, found, free, forces)
 
     return {
-        "displacement, L2 error": norm(found - exact) / norm(exact),
-        "gradient, L2 error": norm(Grad(found) - gradient) / norm(gradient),
+        "displacement, L2 error": relative_error(found, exact, domain, *REGIONS),
+        "gradient, L2 error": relative_error(Grad(found), gradient, domain, *REGIONS),
     }
 
 

@@ -12,11 +12,11 @@ from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
 from ngfsi.curves import PressureConstant
 from ngfsi.measure.probe import Probe
+from ngfsi.solve.initial import steady_flow
 from ngfsi.solve.linear import choose_backend
-from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from tests.slopes import apply
-from tests.vein import BLOOD, case_of, system_of
+from tests.vein import case_of, system_of
 
 RADIUS, LENGTH, FLOW, MU = 5.55e-3, 20e-3, 2.913e-6, 3.5e-3
 GRADIENT = 8 * MU * FLOW / (np.pi * RADIUS**4)
@@ -59,13 +59,7 @@ def pipe(request: pytest.FixtureRequest) -> Pipe:
     tube = TubeSegment(length=LENGTH, lumen_diameter=2 * RADIUS, wall_thickness=3e-3, outer_radius=14e-3, mesh=settings)
     outlet = PressureConstant(value=OUTLET_PRESSURE)
     system = system_of(case_of(tube, **{"conditions.ends": "clamped", "loads.outlet_pressure": outlet}))
-    flow = Newton(system, choose_backend("auto"), "w", "p")
-    system.set_steady()
-    system.set_loads(0.0)
-    system.blood_density.Set(0.0)
-    flow.solve(1e-7, 30)
-    system.blood_density.Set(BLOOD.density)
-    flow.solve(1e-7, 60)
+    steady_flow(system, choose_backend("auto"))
     return Pipe(system)
 
 
