@@ -105,6 +105,23 @@ class VeinSegment(Section):
         return self.vein_x, self.vein_y
 
     @property
+    def size(self) -> float:
+        """Radius of the lumen [m]."""
+        return self.lumen_radius
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Boundaries that are fixed in space: the bones."""
+        return tuple(bone.name for bone in self.bones)
+
+    def inflow(self) -> Any:
+        """Return the developed velocity of unit mean through the inlet."""
+        from ngsolve import CF, x, y
+
+        x0, y0 = self.vein_centre
+        return CF((0, 0, 2 * (1 - ((x - x0) ** 2 + (y - y0) ** 2) / self.lumen_radius**2)))
+
+    @property
     def curving_order(self) -> int:
         """Polynomial order of the curved mesh."""
         return self.mesh.curving_order
@@ -123,7 +140,7 @@ class VeinSegment(Section):
     def boundary_names(self) -> tuple[str, ...]:
         """Every boundary the mesh must have, curved ones first."""
         ends = [name for pair in END_NAMES.values() for name in pair]
-        return ("skin", *(bone.name for bone in self.bones), "wall_outer", "interface", *ends)
+        return ("skin", *self.rigid_names, "wall_outer", "interface", *ends)
 
     @property
     def internal_names(self) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from ngfsi.builders import find_builder, path_of
 from ngfsi.complaint import key_error
 from ngfsi.curves import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.errors import CaseError, GeometryError
-from ngfsi.materials import FluidMaterial, SolidMaterial
+from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.section import Section
 from ngfsi.units import MMHG, Time
 
@@ -42,11 +42,24 @@ def _build_geometry(value: Any, info: ValidationInfo) -> Any:
 
 
 class Materials(Section):
-    """The material of each region."""
+    """The material of each region that the geometry has."""
 
-    tissue: SolidMaterial
-    wall: SolidMaterial
-    fluid: FluidMaterial
+    tissue: SolidMaterial | None = None
+    wall: SolidMaterial | None = None
+    solid: SolidMaterial | None = None
+    """The one solid of a plane benchmark."""
+    fluid: FluidMaterial | None = None
+
+    def law_of(self, region: str) -> SolidLaw:
+        """Return the material of a solid region.
+
+        Raises:
+            CaseError: the case has no such solid.
+        """
+        law = getattr(self, region, None)
+        if not isinstance(law, SolidLaw):
+            raise CaseError(f"'{region}' is no solid with a material in this case")
+        return law
 
 
 class Loads(Section):
@@ -71,6 +84,9 @@ class Discretisation(Section):
 
     order: int = Field(default=2, ge=2, le=6)
     """Order of displacement and velocity; the pressure is one lower."""
+    mesh_motion: Literal["harmonic", "stiffened"] = "harmonic"
+    """How the mesh of the fluid follows the solids: by Laplace's equation, best where a wall surrounds the fluid; or
+    with a stiffness that grows as 1/h^2 towards small elements of size h, which keeps those at a body in the flow."""
     extension_stiffness: float = Field(default=1.0, gt=0)
     """Factor on the equation of the mesh motion, without influence on the result."""
 
@@ -125,6 +141,20 @@ class Case(Section):
     time: TimeStepping
     solver: Solver = Solver()
     output: Output = Output()
+
+    @model_validator(mode="after")
+    def _each_region_has_a_material(self) -> Self:
+        regions = {*self.geometry.solids, *([self.geometry.fluid] if self.geometry.fluid else [])}
+        for name in Materials.model_fields:
+            given = getattr(self.materials, name) is not None
+            if name in regions and not given:
+                raise key_error(f"materials.{name}", f"is missing: {type(self.geometry).__name__} has such a region")
+            if given and name not in regions:
+                known = ", ".join(sorted(regions))
+                raise key_error(
+                    f"materials.{name}", f"is of no region: those of {type(self.geometry).__name__} are {known}"
+                )
+        return self
 
     @field_validator("name")
     @classmethod

@@ -6,9 +6,10 @@ jumps. A time scheme of higher order restarts there.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from bisect import bisect_right
 from itertools import pairwise
-from math import isclose
+from math import cos, isclose, pi
 from typing import Annotated, Generic, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
@@ -35,10 +36,9 @@ class Constant(Section, Generic[Q]):
         return ()
 
 
-class Ramp(Section, Generic[Q]):
-    """From `initial` linearly to `final` within `duration` after `start`, held before and after."""
+class Rise(Section, Generic[Q]):
+    """From `initial` to `final` within `duration` after `start`, held before and after; base of the ramps."""
 
-    kind: Literal["ramp"] = "ramp"
     initial: Q = Field(default=0.0)  # type: ignore[assignment] # Q is a float, its alias only names the dimension
     final: Q
     start: Time = 0.0
@@ -46,14 +46,44 @@ class Ramp(Section, Generic[Q]):
 
     def __call__(self, t: float) -> float:
         """Return the value at time t (s), in SI."""
-        done = min(max((t - self.start) / self.duration, 0.0), 1.0)
+        done = self._share(min(max((t - self.start) / self.duration, 0.0), 1.0))
         # exact at both ends, which initial + done * (final - initial) is not
         return (1.0 - done) * self.initial + done * self.final
+
+    @staticmethod
+    @abstractmethod
+    def _share(elapsed: float) -> float:
+        """Return the share of the rise after a share of the duration."""
+
+
+class Ramp(Rise[Q]):
+    """Linear rise."""
+
+    kind: Literal["ramp"] = "ramp"
+
+    @staticmethod
+    def _share(elapsed: float) -> float:
+        return elapsed
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times (s) where the slope jumps: both ends of the ramp."""
         return () if self.initial == self.final else (self.start, self.start + self.duration)
+
+
+class SmoothRamp(Rise[Q]):
+    """Rise without a kink, by (1 - cos(pi s))/2 of the difference after a share s of the duration."""
+
+    kind: Literal["smooth_ramp"] = "smooth_ramp"
+
+    @staticmethod
+    def _share(elapsed: float) -> float:
+        return (1.0 - cos(pi * elapsed)) / 2
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps: none."""
+        return ()
 
 
 class Table(Section, Generic[Q]):
@@ -91,16 +121,18 @@ class Table(Section, Generic[Q]):
 
 
 PressureConstant, PressureRamp, PressureTable = Constant[Pressure], Ramp[Pressure], Table[Pressure]
+PressureSmoothRamp = SmoothRamp[Pressure]
 FlowConstant, FlowRamp, FlowTable = Constant[FlowRate], Ramp[FlowRate], Table[FlowRate]
+FlowSmoothRamp = SmoothRamp[FlowRate]
 
 PressureCurve = Annotated[
-    Constant[Pressure] | Ramp[Pressure] | Table[Pressure],
-    tagged("kind", PressureConstant, PressureRamp, PressureTable),
+    Constant[Pressure] | Ramp[Pressure] | SmoothRamp[Pressure] | Table[Pressure],
+    tagged("kind", PressureConstant, PressureRamp, PressureSmoothRamp, PressureTable),
 ]
 """A pressure over time: Pa over s."""
 
 FlowCurve = Annotated[
-    Constant[FlowRate] | Ramp[FlowRate] | Table[FlowRate],
-    tagged("kind", FlowConstant, FlowRamp, FlowTable),
+    Constant[FlowRate] | Ramp[FlowRate] | SmoothRamp[FlowRate] | Table[FlowRate],
+    tagged("kind", FlowConstant, FlowRamp, FlowSmoothRamp, FlowTable),
 ]
 """A volume flow rate over time: m3/s over s."""

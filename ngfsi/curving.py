@@ -25,7 +25,7 @@ def reference_shape(mesh: Any, boundaries: Sequence[str], order: int, shape_map:
         shape_map: displacement of the curved shape, in its coordinates, that follows the curving.
     """
     space = VectorH1(mesh, order=order)
-    position = CoefficientFunction((x, y, z))
+    position = CoefficientFunction((x, y, z)[: mesh.dim])
     mesh.Curve(order)
     curved = _on_boundaries(space, boundaries, position)
     mesh.Curve(1)

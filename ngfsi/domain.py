@@ -11,8 +11,11 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol
 
+import netgen.meshing as nm
 import ngsolve
+import numpy as np
 from ngsolve import BND, VOL, CoefficientFunction, Mesh, Region
+from numpy.typing import NDArray
 
 from ngfsi.errors import MeshError, RegionError, unknown
 from ngfsi.meshing import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
@@ -20,6 +23,8 @@ from ngfsi.meshing import TIMEOUT, MeshReport, check_shape, generate, quiet, sha
 LARGEST_VOLUME_ERROR = 0.01
 """Relative; a mesh that lost its curvature has several times as much."""
 
+CHORD_ITERATIONS = 30
+Array = NDArray[np.float64]
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -27,7 +32,10 @@ class Geometry(Protocol):
     """What `Domain` needs to know of a geometry; lengths in metres."""
 
     solids: ClassVar[tuple[str, ...]]
-    fluid: ClassVar[str]
+
+    @property
+    def fluid(self) -> str | None:
+        """Name of the region of the fluid; None: there is none."""
 
     @property
     def curving_order(self) -> int:
@@ -48,6 +56,31 @@ class Geometry(Protocol):
         """Return the straight Netgen mesh with names and geometry; may crash or hang."""
 
     @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Boundaries that are fixed in space, and to which the fluid sticks."""
+
+    @property
+    def size(self) -> float:
+        """Length [m] against which displacements are judged: of what the fluid flows through or around."""
+
+    def inflow(self) -> CoefficientFunction:
+        """Return the velocity of unit mean with which the fluid enters through the inlet of the reference shape."""
+
+    def shape_map(self) -> CoefficientFunction | None:
+        """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region of the reference shape."""
+
+
+class Vein(Geometry, Protocol):
+    """A geometry whose fluid flows through a straight vein, of which cross-sections can be taken."""
+
+    @property
+    def fluid(self) -> str:
+        """Name of the region of the blood."""
+
+    @property
     def length(self) -> float:
         """Length of the vein [m], from z = 0 to z = length."""
 
@@ -58,12 +91,6 @@ class Geometry(Protocol):
     @property
     def vein_centre(self) -> tuple[float, float]:
         """Position (x, y) of the vein's axis [m]."""
-
-    def shape_map(self) -> CoefficientFunction | None:
-        """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""
-
-    def exact_volumes(self) -> dict[str, float]:
-        """Return the volume [m3] of each region of the reference shape."""
 
 
 class Domain:
@@ -101,6 +128,16 @@ class Domain:
         with quiet():
             return cls(Mesh(straight), geometry, report)
 
+    @property
+    def regions(self) -> tuple[str, ...]:
+        """Names of all regions, the solids first."""
+        fluid = self.geometry.fluid
+        return self.geometry.solids if fluid is None else (*self.geometry.solids, fluid)
+
+    def has_boundary(self, name: str) -> bool:
+        """Whether the geometry has such a boundary."""
+        return name in self.geometry.boundary_names
+
     def materials(self, *names: str) -> Region:
         """Return the union of regions; without names all of them."""
         return self._region(VOL, "region", names)
@@ -124,6 +161,30 @@ class Domain:
     def area(self, *names: str) -> float:
         """Return the area [m2] of boundaries."""
         return float(ngsolve.Integrate(CoefficientFunction(1.0) * self.ds(*names, bonus_intorder=8), self.mesh))
+
+    def on_straight_mesh(self, points: Array) -> Array:
+        """Return where points (n, dim) of the curved reference shape lie in the straight mesh.
+
+        NGSolve looks points up in the mesh without its deformation, where curved boundaries run along chords.
+        """
+        place = CoefficientFunction((ngsolve.x, ngsolve.y, ngsolve.z)[: self.mesh.dim])
+        straight = points.copy()
+        for _ in range(CHORD_ITERATIONS):
+            straight += points - place(self.mesh(*straight.T))
+        return straight
+
+    def value(self, field: Any, *point: float) -> Any:
+        """Return the value of a field at a point of the reference shape [m].
+
+        Raises:
+            RegionError: the point lies outside.
+        """
+        try:
+            (straight,) = self.on_straight_mesh(np.array([point], dtype=float))
+            return field(self.mesh(*straight))
+        except nm.NgException:
+            place = ", ".join(f"{x:g}" for x in point)
+            raise RegionError(f"the point ({place}) m is not inside of {type(self.geometry).__name__}") from None
 
     def statistics(self) -> dict[str, Any]:
         """Return facts for the record: elements by type and region, their quality, volume errors, how it was meshed."""
@@ -161,7 +222,7 @@ class Domain:
 
     def _check_names(self) -> None:
         """Compare the mesh's names with those the geometry promised."""
-        regions = {*self.geometry.solids, self.geometry.fluid}
+        regions = set(self.regions)
         boundaries, optional = set(self.geometry.boundary_names), set(self.geometry.internal_names)
         for what, found, wanted, extra in (
             ("regions", set(self._names(VOL)), regions, set()),

@@ -40,7 +40,14 @@ TIMEOUT = 60.0
 
 MESH_FILE, REPORT_FILE, REQUEST_FILE = "mesh.vol.gz", "report.json", "request.pickle"
 REFUSAL = f"{MeshError.__module__}.{MeshError.__name__}: "
-RULE_ORDER = {ngsolve.ET.TET: 6, ngsolve.ET.PYRAMID: 6, ngsolve.ET.PRISM: 8, ngsolve.ET.HEX: 8}
+RULE_ORDER = {
+    ngsolve.ET.TRIG: 6,
+    ngsolve.ET.QUAD: 8,
+    ngsolve.ET.TET: 6,
+    ngsolve.ET.PYRAMID: 6,
+    ngsolve.ET.PRISM: 8,
+    ngsolve.ET.HEX: 8,
+}
 
 
 @dataclass(frozen=True)
@@ -155,8 +162,8 @@ def jacobian_ratios(mesh: Any, shape: Any) -> NDArray[np.float64]:
     grid function; the mesh itself must have no deformation set.
     """
     rules = {element: ngsolve.IntegrationRule(element, order) for element, order in RULE_ORDER.items()}
-    determinant = ngsolve.Det(ngsolve.specialcf.JacobianMatrix(3))
-    determinant = determinant * ngsolve.Det(ngsolve.Id(3) + ngsolve.Grad(shape))
+    determinant = ngsolve.Det(ngsolve.specialcf.JacobianMatrix(mesh.dim))
+    determinant = determinant * ngsolve.Det(ngsolve.Id(mesh.dim) + ngsolve.Grad(shape))
     kinds = [element.type for element in mesh.Elements(ngsolve.VOL)]
     values = determinant(mesh.MapToAllElements(rules, ngsolve.VOL)).ravel()
     ends = np.cumsum([len(rules[kind].weights) for kind in kinds])
@@ -173,10 +180,10 @@ def check_shape(mesh: Any, shape: Any) -> float:
     bad = np.flatnonzero(~(ratios > 0))
     if len(bad):
         worst = mesh[ngsolve.ElementId(ngsolve.VOL, int(np.argmin(ratios)))]
-        x, y, z = np.mean([mesh[v].point for v in worst.vertices], axis=0) * 1e3
+        place = ", ".join(f"{x:.3g}" for x in np.mean([mesh[v].point for v in worst.vertices], axis=0) * 1e3)
         raise MeshError(
             f"{len(bad)} of {mesh.ne} curved elements are inverted, the worst in region '{worst.mat}' near "
-            f"({x:.3g}, {y:.3g}, {z:.3g}) mm: make elements along curved surfaces shorter or layers thicker"
+            f"({place}) mm: make elements along curved surfaces shorter or layers thicker"
         )
     return float(ratios.min())
 

@@ -154,7 +154,7 @@ class Computation:
         self.folder.update_manifest(
             unknowns=unknowns.size,
             unknowns_by_block={name: len(part) for name, part in unknowns.blocks.items()},
-            reference={"lumen_volume_m3": system.domain.volume(system.domain.geometry.fluid)},
+            reference={"lumen_volume_m3": system.domain.volume(str(system.domain.geometry.fluid))},
             linear_solver=self.backend,
             threads=ng.ngsglobals.numthreads,
         )
@@ -163,7 +163,7 @@ class Computation:
     def _inversion(probe: Probe) -> str:
         """Say in which region an element is turned inside out, or nothing."""
         domain = probe.domain
-        for region in (*domain.geometry.solids, domain.geometry.fluid):
+        for region in domain.regions:
             smallest = probe.smallest_jacobian(region)
             if not smallest > 0:
                 return f"elements of region '{region}' are turned inside out (smallest det F {smallest:.3g})"
@@ -182,7 +182,7 @@ def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
     """Return the fields written for ParaView, defined on the whole domain: zero where they do not exist."""
     domain = system.domain
     fields = system.fields(system.state.components)
-    fluid = domain.geometry.fluid
+    fluid = str(domain.geometry.fluid)
     solid_velocity = system.new_weight * system.state.components[0] + system.velocity_history.components[0]
     everywhere = {name: solid_velocity for name in domain.geometry.solids} | {fluid: fields.velocity}
     return {

@@ -133,7 +133,7 @@ def _volume_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float
     ]
     for key in ("m_s1", "n_likely"):
         if finding := findings.get(key):
-            now, law = finding.ramp_end, finding.run.case.materials.tissue
+            now, law = finding.ramp_end, finding.run.case.materials.law_of("tissue")
             lines.append(
                 f"   - {finding.title} (initial shear modulus {from_si(law.shear_modulus, 'kPa'):.3g}, bulk modulus "
                 f"{from_si(law.bulk_modulus, 'kPa'):.4g} kPa): the blood pressure inflates the unloaded vein by "
@@ -147,7 +147,7 @@ def _volume_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float
             f"{100 * max(subjects):.1f} %."
         )
     if finding := findings.get("n_printed"):
-        now, shear = finding.ramp_end, finding.run.case.materials.tissue.shear_modulus
+        now, shear = finding.ramp_end, finding.run.case.materials.law_of("tissue").shear_modulus
         doubt = " and cannot have given the printed loss" if now.loss < printed["N"] / 200 else ""
         lines.append(
             f"   - {finding.title}: {100 * now.loss:.1f} % at {now.skin_mmhg:.3g} mmHg; these constants mean an "

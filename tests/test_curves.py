@@ -6,7 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ngfsi.curves import FlowConstant, FlowCurve, PressureConstant, PressureCurve, PressureRamp, PressureTable
+from ngfsi.curves import (
+    FlowConstant,
+    FlowCurve,
+    PressureConstant,
+    PressureCurve,
+    PressureRamp,
+    PressureSmoothRamp,
+    PressureTable,
+)
 from ngfsi.errors import CaseError
 from ngfsi.section import Section
 
@@ -63,10 +71,18 @@ def test_table_stays_between_its_neighbours_and_meets_its_points(values: list[fl
     assert [curve(float(i)) for i in range(len(values))] == values
 
 
+def test_smooth_ramp_starts_and_ends_level() -> None:
+    curve = PressureSmoothRamp(initial=100.0, final=500.0, start=1.0, duration=2.0)
+    assert [curve(t) for t in (0.0, 1.0, 2.0, 3.0, 9.0)] == pytest.approx([100, 100, 300, 500, 500], rel=1e-15)
+    assert curve(1.5) == pytest.approx(100 + 400 * (1 - 0.5**0.5) / 2, rel=1e-14)
+    assert curve.breakpoints == ()
+
+
 def test_round_trip() -> None:
     for curve in (
         PressureConstant(value=0.1),
         PressureRamp(final=1 / 3, duration=0.7),
+        PressureSmoothRamp(final=1 / 3, duration=0.7),
         PressureTable(times=(0.1,), values=(1 / 3,)),
     ):
         loads = Loads(skin=curve)
@@ -77,8 +93,11 @@ def test_round_trip() -> None:
     ("written", "said"),
     [
         ({"kind": "rmp"}, "'skin.kind' has an unknown value: 'rmp' is not a known kind: did you mean 'ramp'?"),
-        ({}, "'skin.kind' is missing: write one of 'constant', 'ramp', 'table'"),
-        (5, "skin = 5 is not accepted: a table with kind = one of 'constant', 'ramp', 'table' is wanted"),
+        ({}, "'skin.kind' is missing: write one of 'constant', 'ramp', 'smooth_ramp', 'table'"),
+        (
+            5,
+            "skin = 5 is not accepted: a table with kind = one of 'constant', 'ramp', 'smooth_ramp', 'table' is wanted",
+        ),
         ({"kind": "constant", "value_ml_s": 1}, "'skin.value_ml_s' has a unit of flow rate: write 'value_Pa' or"),
         ({"kind": "ramp", "final_Pa": 1}, "'skin.duration_s' is missing: write 'duration_s' or 'duration_ms'"),
         ({"kind": "ramp", "final_Pa": 1, "duration_s": 0}, "skin.duration_s = 0 is not accepted: a number greater"),

@@ -11,7 +11,7 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import Det, Id, InnerProduct
+from ngsolve import InnerProduct
 
 from ngfsi.domain import Domain
 from ngfsi.physics import terms
@@ -29,16 +29,16 @@ class Energy:
         fields = system.fields(system.state.components)
         k = Kinematics(fields.grad_motion)
         u, rho = fields.velocity, system.blood_density
-        fluid = domain.dx(domain.geometry.fluid, bonus_intorder=2 * order)
+        fluid = domain.dx(str(domain.geometry.fluid), bonus_intorder=2 * order)
         motion_rate = system.new_weight * system.state.components[0] + system.velocity_history.components[0]
-        blood = system.case.materials.fluid
+        blood = system.blood
         self._kinetic = [rho / 2 * k.J * InnerProduct(u, u) * fluid] + [
             law.density / 2 * InnerProduct(motion_rate, motion_rate) * domain.dx(name)
             for name, law in system.solids.items()
         ]
         stress = terms.viscous_stress(blood, k, fields.grad_velocity)
         self._dissipation = InnerProduct(stress * k.cof, fields.grad_velocity) * fluid
-        normal = ng.specialcf.normal(3)
+        normal = ng.specialcf.normal(domain.mesh.dim)
         self._skin = -terms.follower_pressure(system.skin_pressure, k, normal, motion_rate) * domain.ds("skin")
         openings = domain.ds("inlet", "outlet", bonus_intorder=2 * order)
         flux = terms.relative_flux(k, fields.relative, normal)
@@ -85,11 +85,8 @@ class Energy:
         return inlet + outlet - self._sum([self._carried])
 
     def _stored_energy(self, domain: Domain) -> list[Any]:
-        F, G = Id(3) + ng.Grad(self.system.state.components[0]), self.system.stress_free_gradient()
-        return [
-            (law.energy(F) if G is None else law.energy(F * G) / Det(G)) * domain.dx(name)
-            for name, law in self.system.solids.items()
-        ]
+        F, G = Kinematics(ng.Grad(self.system.state.components[0])).F, self.system.stress_free_gradient()
+        return [terms.stored_energy(law, F, G) * domain.dx(name) for name, law in self.system.solids.items()]
 
     def _sum(self, integrals: list[Any]) -> float:
         return float(sum(ng.Integrate(integral, self.system.domain.mesh) for integral in integrals))

@@ -8,6 +8,7 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import Id, InnerProduct
 
+from ngfsi.domain import Vein
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.wall import ShearStatistics, Wall
 from ngfsi.physics import terms
@@ -23,15 +24,16 @@ class Probe:
     def __init__(self, system: System) -> None:
         self.system = system
         self.domain = system.domain
-        self.fluid = system.domain.geometry.fluid
+        self.vein: Vein = system.case.geometry
+        self.fluid = self.vein.fluid
         self.wall = Wall(system)
         self.sections = Sections(system)
         self.shear = ShearStatistics(0.0, 0.0, 0.0)
         self._fields = system.fields(system.state.components)
         self._motion = Kinematics(self._fields.grad_motion)
         rules = {shape: ng.IntegrationRule(shape, 2 * system.unknowns.order) for shape in SHAPES}
-        regions = (*self.domain.geometry.solids, self.fluid)
-        self._points = {name: self.domain.mesh.MapToAllElements(rules, self.domain.materials(name)) for name in regions}
+        mesh = self.domain.mesh
+        self._points = {name: mesh.MapToAllElements(rules, self.domain.materials(name)) for name in self.domain.regions}
         self._integrals = self._define()
         self._known: dict[str, float] = {}
 

@@ -34,7 +34,7 @@ class Quantity:
 
 
 def _reynolds(probe: Probe) -> float:
-    blood = probe.system.case.materials.fluid
+    blood = probe.system.blood
     areas = probe.sections.areas
     flows = np.abs(probe.sections.local_flows(probe.system.flow_rate))
     diameters = np.sqrt(4 * areas / np.pi)
@@ -71,7 +71,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "lumen_area_mean",
         "m2",
         "volume of the lumen over the length of the segment",
-        lambda p: p.integral("lumen volume") / p.domain.geometry.length,
+        lambda p: p.integral("lumen volume") / p.vein.length,
     ),
     *(_station(index) for index in range(STATIONS)),
     Quantity("sawss", "Pa", "wall shear stress, mean over the deformed wall", lambda p: p.shear.mean),
@@ -81,7 +81,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "sawss_poiseuille_local",
         "Pa",
         "SAWSS of developed flow with the same local area and flow",
-        lambda p: p.sections.poiseuille_sawss(p.system.flow_rate, p.system.case.materials.fluid.viscosity),
+        lambda p: p.sections.poiseuille_sawss(p.system.flow_rate, p.system.blood.viscosity),
     ),
     Quantity(
         "p_tissue_side",

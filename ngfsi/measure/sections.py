@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from ngfsi.domain import Vein
 from ngfsi.solve.system import System
 
 Array = NDArray[np.float64]
@@ -14,7 +15,6 @@ Array = NDArray[np.float64]
 STATIONS = 11
 POINTS = 96
 PLANE_ITERATIONS = 3
-CHORD_ITERATIONS = 30
 
 
 class Sections:
@@ -22,17 +22,18 @@ class Sections:
 
     def __init__(self, system: System, stations: int = STATIONS, points: int = POINTS) -> None:
         self.system = system
-        geometry = system.domain.geometry
+        self.vein: Vein = system.case.geometry
+        geometry = self.vein
         self.heights = np.linspace(0.0, geometry.length, stations)
         angles = 2 * np.pi * np.arange(points) / points
         x0, y0 = geometry.vein_centre
         fields = system.fields(system.state.components)
-        self._reference = ng.CF((ng.x, ng.y, ng.z))
-        self._values = ng.CF((self._reference + fields.motion, fields.velocity))
-        self._x, self._y = self._on_straight_mesh(
-            x0 + geometry.lumen_radius * np.tile(np.cos(angles), (stations, 1)),
-            y0 + geometry.lumen_radius * np.tile(np.sin(angles), (stations, 1)),
-        )
+        self._values = ng.CF((ng.CF((ng.x, ng.y, ng.z)) + fields.motion, fields.velocity))
+        ring = [x0 + geometry.lumen_radius * np.cos(angles), y0 + geometry.lumen_radius * np.sin(angles)]
+        outline = [np.tile(line, (stations, 1)) for line in ring]
+        on_wall = np.stack([*outline, np.broadcast_to(self.heights[:, None], outline[0].shape)], axis=-1)
+        straight = system.domain.on_straight_mesh(on_wall.reshape(-1, 3)).reshape(on_wall.shape)
+        self._x, self._y = straight[..., 0], straight[..., 1]
         self.rings = np.zeros((stations, points, 3))
         self.areas = np.zeros(stations)
         self.area_rates = np.zeros(stations)
@@ -42,7 +43,7 @@ class Sections:
         """Take the system's present state."""
         plane = self.heights[:, None]
         z = np.broadcast_to(plane, self._x.shape).copy()
-        length = self.system.domain.geometry.length
+        length = self.vein.length
         # which material point of the wall lies in the plane now? Axial displacements are small: a fixed point finds it
         for _ in range(PLANE_ITERATIONS):
             values = self._evaluate(self._values, self._x, self._y, z)
@@ -66,19 +67,6 @@ class Sections:
         radius = np.sqrt(self.areas / np.pi)
         shear = 4 * viscosity * np.abs(self.local_flows(inflow)) / (np.pi * radius**3)
         return float(np.trapezoid(shear * self.perimeters) / np.trapezoid(self.perimeters))
-
-    def _on_straight_mesh(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return where points of the curved reference shape, at the stations, lie in the straight mesh.
-
-        NGSolve looks points up in the mesh without its deformation, where the wall runs along chords.
-        """
-        z = np.broadcast_to(self.heights[:, None], x.shape)
-        straight_x, straight_y = x.copy(), y.copy()
-        for _ in range(CHORD_ITERATIONS):
-            found = self._evaluate(self._reference, straight_x, straight_y, z)
-            straight_x += x - found[..., 0]
-            straight_y += y - found[..., 1]
-        return straight_x, straight_y
 
     def _evaluate(self, field: ng.CoefficientFunction, x: Array, y: Array, z: Array) -> Array:
         values = np.asarray(field(self.system.domain.mesh(x.ravel(), y.ravel(), z.ravel())))

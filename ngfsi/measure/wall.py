@@ -53,7 +53,7 @@ class Wall:
     def __init__(self, system: System) -> None:
         self.system = system
         domain, order = system.domain, system.unknowns.order
-        fluid = domain.geometry.fluid
+        fluid = str(domain.geometry.fluid)
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
         self._motion, self._velocity = ng.GridFunction(space), ng.GridFunction(space)
         self._fields = system.fields(system.state.components)
@@ -62,7 +62,7 @@ class Wall:
         normal = ng.specialcf.normal(3)
         grad_m = ng.BoundaryFromVolumeCF(ng.Grad(self._motion))
         k = Kinematics(grad_m)
-        stress = terms.viscous_stress(system.case.materials.fluid, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity)))
+        stress = terms.viscous_stress(system.blood, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity)))
         self.shear = terms.wall_shear(stress, k, normal)
         self.magnitude = ng.Norm(self.shear)
         self.stretch = ng.Norm(k.cof * normal)

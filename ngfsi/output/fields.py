@@ -48,7 +48,7 @@ class FieldWriter:
             raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
         self.folder = folder
         self._mesh, self._names, self._coefficients = domain.mesh, list(volume_fields), list(volume_fields.values())
-        regions = [*domain.geometry.solids, domain.geometry.fluid]
+        regions = list(domain.regions)
         self._regions = regions
         self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
         self._times: list[float] = []

@@ -43,7 +43,7 @@ def run_summary(run: StoredRun) -> RenderableType:
     case, manifest = run.case, run.manifest
     facts = {
         "folder": str(run.path),
-        "case": f"{case.name}: {case.materials.tissue.label} tissue, {type(case.geometry).__name__}, "
+        "case": f"{case.name}: {case.materials.law_of('tissue').label} tissue, {type(case.geometry).__name__}, "
         f"order {case.discretisation.order}, {case.time.scheme}, {case.time.end:g} s in steps of {case.time.step:g} s",
         "status": " - ".join(filter(None, (run.status, manifest.get("reason", "")))),
         "code": _code(manifest),

@@ -9,7 +9,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from ngsolve import Cof, Det, Id
+from ngsolve import CF, Cof, Det, Id
+
+ACROSS = CF((1, 0, 0, 1, 0, 0), dims=(3, 2))
+ALONG = CF((0, 0, 0, 0, 0, 0, 0, 0, 1), dims=(3, 3))
 
 
 @dataclass(frozen=True)
@@ -17,8 +20,8 @@ class Kinematics:
     """Deformation gradient and what follows from it.
 
     Attributes:
-        gradient: grad m, 3x3, of the displacement with respect to the reference shape. On a boundary the surface
-            gradient serves for `cof`, since cof(F) N only depends on tangential derivatives.
+        gradient: grad m, 3x3 in space and 2x2 in the plane, of the displacement with respect to the reference shape.
+            On a boundary the surface gradient serves for `cof`, since cof(F) N only depends on tangential derivatives.
     """
 
     gradient: Any
@@ -26,7 +29,7 @@ class Kinematics:
     @cached_property
     def F(self) -> Any:
         """Deformation gradient I + grad m."""
-        return Id(3) + self.gradient
+        return Id(self.gradient.dims[0]) + self.gradient
 
     @cached_property
     def J(self) -> Any:
@@ -42,3 +45,13 @@ class Kinematics:
     def cof(self) -> Any:
         """Cofactor J F^-T: maps reference area vectors to deformed ones (Nanson)."""
         return Cof(self.F)
+
+
+def in_space(gradient: Any, stretch: float) -> Any:
+    """Return a tensor of the plane as one of space, with a stretch across the plane; those of space as they are.
+
+    Plane strain is a deformation gradient with the stretch 1, and variations of it with 0.
+    """
+    if gradient.dims[0] == 3:
+        return gradient
+    return ACROSS * gradient * ACROSS.trans + stretch * ALONG

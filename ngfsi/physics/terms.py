@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeAlias
 
 from ngsolve import Det, IfPos, InnerProduct
 
-from ngfsi.physics.kinematics import Kinematics
+from ngfsi.physics.kinematics import Kinematics, in_space
 
 CF: TypeAlias = Any
 """A CoefficientFunction, a number or a proxy of a trial or test function: NGSolve has no type for their union."""
@@ -21,6 +21,9 @@ CF: TypeAlias = Any
 
 class StoredEnergy(Protocol):
     """What a solid law must offer here."""
+
+    def energy(self, F: CF) -> CF:
+        """Energy per stress-free volume (J/m3) at F."""
 
     def variation(self, F: CF, H: CF) -> CF:
         """P : H, the derivative of the stored energy per stress-free volume (J/m3) at F in the direction H."""
@@ -39,7 +42,7 @@ class Viscous(Protocol):
 
 
 def internal_work(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None) -> CF:
-    """P : grad v with P = dW/dF.
+    """P : grad v with P = dW/dF; in the plane, of plane strain.
 
     Args:
         relaxation: G = dX/dX0 maps the stress-free shape X0 to the reference shape X where the latter is prestressed:
@@ -47,12 +50,20 @@ def internal_work(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = 
             CMAME 136, 1996; use as prestress as in Gee, Foerster and Wall, IJNMBE 26, 2010).
     """
     if relaxation is None:
-        return law.variation(F, grad_v)
-    return law.variation(F * relaxation, grad_v * relaxation) / Det(relaxation)
+        return law.variation(in_space(F, 1), in_space(grad_v, 0))
+    return law.variation(in_space(F * relaxation, 1), in_space(grad_v * relaxation, 0)) / Det(relaxation)
+
+
+def stored_energy(law: StoredEnergy, F: CF, relaxation: CF | None = None) -> CF:
+    """W per reference volume (J/m3), whose derivative `internal_work` is."""
+    if relaxation is None:
+        return law.energy(in_space(F, 1))
+    return law.energy(in_space(F * relaxation, 1)) / Det(relaxation)
 
 
 def hydrostatic_pressure(law: StoredEnergy, F: CF) -> CF:
     """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J."""
+    F = in_space(F, 1)
     return -law.variation(F, F) / (3 * Det(F))
 
 
@@ -82,8 +93,8 @@ def incompressibility(k: Kinematics, grad_u: CF, q: CF) -> CF:
     return -InnerProduct(k.cof, grad_u) * q
 
 
-def harmonic_extension(stiffness: float, grad_m: CF, grad_v: CF) -> CF:
-    """Laplace equation for the mesh displacement m; the stiffness only scales the equation."""
+def harmonic_extension(stiffness: CF, grad_m: CF, grad_v: CF) -> CF:
+    """Laplace equation for the mesh displacement m; a stiffness that is constant only scales the equation."""
     return stiffness * InnerProduct(grad_m, grad_v)
 
 
@@ -113,7 +124,7 @@ def relative_flux(k: Kinematics, w: CF, normal: CF) -> CF:
 
 
 def wall_shear(stress: CF, k: Kinematics, normal: CF) -> CF:
-    """Tangential part of the viscous traction on the deformed face (Pa, 3-vector); `normal` may point either way."""
+    """Tangential part of the viscous traction on the deformed face (Pa, vector); `normal` may point either way."""
     area = k.cof * normal
     n = area / (InnerProduct(area, area) ** 0.5)
     traction = stress * n

@@ -115,12 +115,12 @@ def _relax(system: System, backend: Backend) -> int:
     """
     assert system.relaxation is not None
     space = system.unknowns.space.components[0]
-    relaxation = GridFunction(space)
+    relaxation, given = GridFunction(space), Id(system.domain.mesh.dim)
     trial, test = space.TnT()
     form = BilinearForm(space, condense=system.form.condense, check_unused=False)
     for name, law in system.solids.items():
-        unloaded = Inv(Id(3) + ng.Grad(trial))
-        work = terms.internal_work(law, Id(3), ng.Grad(test), unloaded)
+        unloaded = Inv(given + ng.Grad(trial))
+        work = terms.internal_work(law, given, ng.Grad(test), unloaded)
         form += work.Compile() * system.domain.dx(name)
     load = np.array(system.residual().FV().NumPy()[: space.ndof])  # of blood and skin: the tissue is not stressed yet
     free = system.unknowns.free("d")[: space.ndof]
@@ -133,7 +133,7 @@ def _relax(system: System, backend: Backend) -> int:
         factorisation.renew(relaxation.vec)
         factorisation.solve(residual, update)
         relaxation.vec.data -= update
-        change = float(np.max(np.abs(update.FV().NumPy()))) / system.domain.geometry.lumen_radius
+        change = float(np.max(np.abs(update.FV().NumPy()))) / system.domain.geometry.size
         if not np.isfinite(change):
             break
         if change < system.case.solver.tolerance:

@@ -9,6 +9,7 @@ The rule of renewal, in one place:
   before a step   the time scheme's weight of the new state differs from that of the factors by more than 20 %
                   (`Newton.solve`), or the step before needed more than `SLOW` iterations;
   within a step   `PATIENCE` iterations do not reduce the change to a third, or it grows to `GROWTH` times the first.
+Newton's method that makes the change grow as much has diverged, and the solve is given up.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class Newton:
 
     def __init__(self, system: System, backend: Backend, *blocks: str) -> None:
         self.system = system
-        self.blocks = blocks or tuple(system.unknowns.blocks)
+        self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
         self.factorisation = Factorisation(system.form, self.free, backend, system.unknowns.equations)
         self._factored_weight: float | None = None
@@ -97,7 +98,7 @@ class Newton:
         if self._needs_renewal():
             self._renew(solution)
         mixing, history = Mixing(scale), []
-        always_renew = False
+        always_renew, first = False, 0.0
         best = self.system.values[self.free].copy()
         while solution.iterations < max_iterations:
             solution.iterations += 1
@@ -105,7 +106,8 @@ class Newton:
             solution.changes = self._changes(step, scales)
             change = max(solution.changes.values())
             x = self.system.values[self.free].copy()
-            if not np.isfinite(change):
+            first = first or change
+            if not np.isfinite(change) or (always_renew and change > GROWTH * first):
                 break
             if change < tolerance:
                 self.system.values[self.free] = x + step
@@ -153,8 +155,8 @@ class Newton:
 
     def _scale_vector(self, scales: Mapping[str, float]) -> Vector:
         scale = np.ones(self.system.unknowns.size)
-        for name, part in self.system.unknowns.blocks.items():
-            scale[part] = scales[name]
+        for name in self.blocks:
+            scale[self.system.unknowns.blocks[name]] = scales[name]
         return scale[self.free]
 
     def _changes(self, step: Vector, scales: Mapping[str, float]) -> dict[str, float]:

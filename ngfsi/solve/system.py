@@ -7,11 +7,12 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import GridFunction, Id, Inv, Parameter
+from ngsolve import GridFunction, Inv, Parameter
 from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.domain import Domain
+from ngfsi.materials import Newtonian
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.compiled import compiled
@@ -64,19 +65,22 @@ class System:
         self.new_weight = Parameter(0.0)
         self.skin_pressure = Parameter(0.0)
         self.outlet_pressure = Parameter(0.0)
-        self.blood_density = Parameter(case.materials.fluid.density)
+        self.blood_density = Parameter(self.blood.density if domain.geometry.fluid else 0.0)
         self.flow_rate = 0.0
-        self.solids = {name: getattr(case.materials, name) for name in domain.geometry.solids}
+        self.solids = {name: case.materials.law_of(name) for name in domain.geometry.solids}
         self.relaxation: GridFunction | None = None
         if case.conditions.initial_state == "prestress":
             self.relaxation = GridFunction(space.components[0])
         self._native = case.solver.compile
         self.form = self._form()
         self._residual = self.state.vec.CreateVector()
-        self._inlet_shape = self._inlet_profile()
-        self._inlet_flux = terms.relative_flux(
-            Kinematics(ng.Grad(self.state.components[0])), self._inlet_cf, ng.specialcf.normal(3)
-        ) * domain.ds("inlet", bonus_intorder=2 * self.unknowns.order)
+        self._inlet = Inlet(self) if domain.geometry.fluid else None
+
+    @property
+    def blood(self) -> Newtonian:
+        """The fluid, of a system that has one."""
+        assert self.case.materials.fluid is not None
+        return self.case.materials.fluid
 
     # ---------------------------------------------------------------- weak form
 
@@ -84,7 +88,7 @@ class System:
         """Return the blood's and the mesh's fields for `parts` = (m, w, p)."""
         m, w, p = parts
         hm, hw, _ = self.velocity_history.components
-        am, _, _ = self.acceleration_history.components
+        am = self.acceleration_history.components[0]
         new = self.new_weight
         u = w + new * m + hm
         return Fields(
@@ -99,34 +103,42 @@ class System:
 
     def stress_free_gradient(self) -> Any | None:
         """G = dX/dX0 where the reference shape is prestressed: inverse of I + grad(X0 - X)."""
-        return None if self.relaxation is None else Inv(Id(3) + ng.Grad(self.relaxation))
+        return None if self.relaxation is None else Inv(Kinematics(ng.Grad(self.relaxation)).F)
 
     def _form(self) -> ng.BilinearForm:
-        order = self.unknowns.order
         trial, test = self.unknowns.space.TnT()
         # interior unknowns appear from order 3 on; the form has no equation for them to lose
-        form = ng.BilinearForm(self.unknowns.space, condense=order >= 3, check_unused=False)
+        form = ng.BilinearForm(self.unknowns.space, condense=self.unknowns.order >= 3, check_unused=False)
         for integral in self._solid_terms(trial[0], test[0]):
             form += integral
-        for integral in self._fluid_terms(trial, test):
+        if self.domain.geometry.fluid:
+            for integral in self._fluid_terms(trial, test):
+                form += integral
+        return form
+
+    def fluid_form(self) -> ng.BilinearForm:
+        """Return the form of the fluid alone: what it lacks at a boundary is the force on that boundary."""
+        form = ng.BilinearForm(self.unknowns.space, check_unused=False)
+        for integral in self._fluid_terms(*self.unknowns.space.TnT()):
             form += integral
         return form
 
     def _solid_terms(self, m: Any, v: Any) -> list[Any]:
         new, old = self.new_weight, self.acceleration_history.components[0]
         acceleration = new * (new * m + self.velocity_history.components[0]) + old
-        dx, normal = self.domain.dx, ng.specialcf.normal(3)
         integrals = []
         for name, law in self.solids.items():
-            work = terms.internal_work(law, Id(3) + ng.Grad(m), ng.Grad(v), self.stress_free_gradient())
+            work = terms.internal_work(law, Kinematics(ng.Grad(m)).F, ng.Grad(v), self.stress_free_gradient())
             work += terms.inertia(law.density, acceleration, v)
-            integrals.append(compiled(work, native=self._native) * dx(name))
-        skin = Kinematics(ng.Grad(m).Trace())
-        integrals.append(terms.follower_pressure(self.skin_pressure, skin, normal, v.Trace()) * self.domain.ds("skin"))
+            integrals.append(compiled(work, native=self._native) * self.domain.dx(name))
+        if self.domain.has_boundary("skin"):
+            skin, normal = Kinematics(ng.Grad(m).Trace()), ng.specialcf.normal(self.domain.mesh.dim)
+            pressure = terms.follower_pressure(self.skin_pressure, skin, normal, v.Trace())
+            integrals.append(pressure * self.domain.ds("skin"))
         return integrals
 
     def _fluid_terms(self, trial: Any, test: Any) -> list[Any]:
-        blood, rho = self.case.materials.fluid, self.blood_density
+        blood, rho = self.blood, self.blood_density
         f = self.fields(trial)
         k = Kinematics(f.grad_motion)
         # which unknown's equation that makes: see Unknowns.equations
@@ -137,36 +149,23 @@ class System:
             + terms.incompressibility(k, f.grad_velocity, test[2])
         )
         stiffness = self.case.discretisation.extension_stiffness
+        if self.case.discretisation.mesh_motion == "stiffened":
+            stiffness = stiffness * (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
         mesh_motion = terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(v_mesh))
         # a boundary integral over facets of volume elements, since the outlet traction needs the full gradient of u
-        normal = ng.specialcf.normal(3)
+        normal = ng.specialcf.normal(self.domain.mesh.dim)
         outlet = terms.outflow(blood, rho, self.outlet_pressure, k, f.grad_velocity, f.velocity, f.relative, normal, v)
-        fluid = self.domain.geometry.fluid
+        fluid = str(self.domain.geometry.fluid)
         return [
             compiled(momentum, native=self._native) * self.domain.dx(fluid, bonus_intorder=EXTRA_ORDER),
             mesh_motion.Compile() * self.domain.dx(fluid),
             outlet.Compile() * self.domain.ds("outlet", skeleton=True),
         ]
 
-    # ---------------------------------------------------------------- inflow
-
-    def _inlet_profile(self) -> Vector:
-        """Dofs of the relative velocity on the inlet for developed flow of unit mean velocity along +z."""
-        geometry = self.domain.geometry
-        x0, y0 = geometry.vein_centre
-        squared = ((ng.x - x0) ** 2 + (ng.y - y0) ** 2) / geometry.lumen_radius**2
-        profile = GridFunction(self.unknowns.space)
-        profile.components[1].Set(
-            ng.CF((0, 0, 2 * (1 - squared))), definedon=self.domain.boundaries("inlet"), bonus_intorder=4
-        )
-        self._inlet_cf = profile.components[1]
-        self._profile_keeper = profile  # a component does not keep its parent alive
-        return np.array(profile.vec.FV().NumPy()[self.unknowns.inlet])
-
     def apply_inflow(self) -> None:
         """Scale the inlet profile so that the flux through the deformed inlet is `flow_rate` (m3/s)."""
-        flux = abs(ng.Integrate(self._inlet_flux, self.domain.mesh))
-        self.values[self.unknowns.inlet] = self._inlet_shape * (self.flow_rate / flux)
+        if self._inlet is not None:
+            self.values[self.unknowns.inlet] = self._inlet.profile * (self.flow_rate / self._inlet.flux())
 
     # ---------------------------------------------------------------- state, loads, rates
 
@@ -211,10 +210,36 @@ class System:
     def block_scales(self) -> dict[str, float]:
         """Physical scale of each block, against which changes are judged.
 
-        d, e: lumen radius; w: mean velocity of the larger of inflow and 1 % of a lumen volume per second (for runs
-        without inflow); p: the larger of outlet pressure and 1 Pa.
+        d, e: size of the geometry; w: mean velocity of the larger of inflow and 1 % of the fluid's volume per second
+        (for runs without inflow); p: the larger of outlet pressure and 1 Pa.
         """
-        radius, length = self.domain.geometry.lumen_radius, self.domain.geometry.length
-        area = np.pi * radius**2
-        speed = max(abs(self.flow_rate), 0.01 * area * length) / area
-        return {"d": radius, "e": radius, "w": speed, "p": max(abs(self.outlet_pressure.Get()), 1.0)}
+        size = self.domain.geometry.size
+        if self._inlet is None:
+            return {"d": size}
+        speed = max(abs(self.flow_rate), 0.01 * self._inlet.volume) / self._inlet.area
+        return {"d": size, "e": size, "w": speed, "p": max(abs(self.outlet_pressure.Get()), 1.0)}
+
+
+class Inlet:
+    """Where the fluid enters.
+
+    Attributes:
+        profile: unknowns of the relative velocity on the inlet for a mean velocity of 1 m/s in the reference shape.
+        area: of the inlet, and `volume`: of the fluid, in the reference shape (m2, m3).
+    """
+
+    def __init__(self, system: System) -> None:
+        domain, unknowns = system.domain, system.unknowns
+        self._mesh = domain.mesh
+        self._field = GridFunction(unknowns.space)
+        entering = self._field.components[1]
+        entering.Set(domain.geometry.inflow(), definedon=domain.boundaries("inlet"), bonus_intorder=4)
+        self.profile: Vector = np.array(self._field.vec.FV().NumPy()[unknowns.inlet])
+        motion, normal = Kinematics(ng.Grad(system.state.components[0])), ng.specialcf.normal(self._mesh.dim)
+        measure = domain.ds("inlet", bonus_intorder=2 * unknowns.order)
+        self._flux = terms.relative_flux(motion, entering, normal) * measure
+        self.area, self.volume = domain.area("inlet"), domain.volume(str(domain.geometry.fluid))
+
+    def flux(self) -> float:
+        """Return the flux (m3/s) of the profile through the deformed inlet."""
+        return abs(float(ng.Integrate(self._flux, self._mesh)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import ceil
 from time import perf_counter
@@ -40,6 +40,18 @@ class History:
     smooth: int = 0
     """Number of steps since the start or the last kink of a load."""
 
+    def arrays(self) -> dict[str, Vector]:
+        """Return the history as plain arrays, for storage."""
+        counts = np.array([self.smooth])
+        return {"times": np.array(self.times), "states": np.array(self.states), "rates": np.array(self.rates),
+                "smooth": counts}  # fmt: skip
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, Vector]) -> History:
+        """Return the history stored as `arrays`."""
+        times = [float(t) for t in arrays["times"]]
+        return cls(times, list(arrays["states"]), list(arrays["rates"]), int(arrays["smooth"][0]))
+
     def push(self, time: float, state: Vector, rate: Vector) -> None:
         """Add an accepted state."""
         self.times.insert(0, time)
@@ -62,18 +74,20 @@ class TimeLoop:
     """Advances a system from its initial state to the end of the case."""
 
     def __init__(
-        self, case: Case, system: System, newton: Newton, inspect: Callable[[], str], say: Callable[[str], None]
-    ) -> None:
+        self, case: Case, system: System, newton: Newton, inspect: Callable[[], str], say: Callable[[str], None],
+        history: History | None = None,
+    ) -> None:  # fmt: skip
         """Prepare the loop.
 
         Args:
             inspect: returns why the present state is unacceptable (an inverted element, say), or "".
             say: takes lines for the log.
+            history: of an earlier loop, which this one continues; default: the system's state, at rest at t = 0.
         """
         self.case, self.system, self.newton = case, system, newton
         self._inspect, self._say = inspect, say
         self._size = case.time.step
-        self._history = History()
+        self.history = history or self._at_rest()
         self._milestones = self._plan()
 
     @property
@@ -103,9 +117,8 @@ class TimeLoop:
         Raises:
             SolverError: a step failed at the smallest size; says at which time and why.
         """
-        time, index = 0.0, 0
-        zero = np.zeros(self.system.unknowns.size)
-        self._history.push(time, self.system.values.copy(), zero)
+        time, index = self.history.times[0], 0
+        self.system.values[:] = self.history.states[0]
         for milestone in self._milestones:
             while milestone - time > SAME_TIME * self.case.time.step:
                 started = perf_counter()
@@ -113,9 +126,14 @@ class TimeLoop:
                 at_milestone = abs(time + size - milestone) <= SAME_TIME * self.case.time.step
                 time = milestone if at_milestone else time + size
                 index += 1
-                self._history.push(time, self.system.values.copy(), self.system.rates())
-                self._history.smooth = 0 if self._is_kink(time) else self._history.smooth + 1
+                self.history.push(time, self.system.values.copy(), self.system.rates())
+                self.history.smooth = 0 if self._is_kink(time) else self.history.smooth + 1
                 yield Step(index, time, size, solution, perf_counter() - started)
+
+    def _at_rest(self) -> History:
+        history = History()
+        history.push(0.0, self.system.values.copy(), np.zeros(self.system.unknowns.size))
+        return history
 
     def _is_kink(self, time: float) -> bool:
         return any(abs(time - kink) <= SAME_TIME * self.case.time.step for kink in self._kinks())
@@ -134,7 +152,7 @@ class TimeLoop:
                 return size, solution
 
     def _attempt(self, time: float, size: float) -> Solution:
-        system, history, case = self.system, self._history, self.case
+        system, history, case = self.system, self.history, self.case
         previous = history.times[0] - history.times[1] if history.smooth >= 1 else None
         old = min(1, len(history.states) - 1)
         system.set_loads(time + size)
@@ -151,7 +169,7 @@ class TimeLoop:
 
     def _retreat(self, time: float, size: float, error: SolverError) -> None:
         """Go back to the last accepted state and halve the step, or give up."""
-        self.system.values[:] = self._history.states[0]
+        self.system.values[:] = self.history.states[0]
         if size / 2 < self.case.time.smallest_step:
             pressure = self.case.loads.skin_pressure(time)
             raise SolverError(

@@ -35,12 +35,13 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Product space of (m, w, p).
+    """Product space of (m, w, p), or of m alone where there is no fluid.
 
     Attributes:
         space: the NGSolve space.
         blocks: name -> numbers of the unknowns.
-        inlet: numbers of the relative velocity's unknowns on the inlet, prescribed there.
+        inlet: numbers of the relative velocity's unknowns on the inlet, prescribed there (on its rim, which may stick
+            to a rigid boundary, it is zero).
         order: polynomial order k.
         solvable: mask of the unknowns that no condition prescribes. The space's own `FreeDofs` is wrong:
             `Compress` forgets conditions on single components (`dirichletz`).
@@ -65,20 +66,20 @@ class Unknowns:
         two points of the skin are held, which carry no force in balance.
 
         Raises:
-            CaseError: neither bones nor ends hold the segment.
+            CaseError: neither bones nor ends hold the segment, or a plane geometry is to have rollers.
         """
-        mesh, fluid = domain.mesh, domain.geometry.fluid
-        bones = [name for name in ("tibia", "fibula") if name in domain.geometry.boundary_names]
-        ends_there = [name for name in ENDS if name in domain.geometry.boundary_names]
-        fixed = {"dirichlet": "|".join(bones + (ends_there if ends == "clamped" else []))}
-        if ends == "free" and not bones:
-            raise CaseError("conditions.ends = 'free' leaves a segment without bones adrift: use 'roller' or 'clamped'")
-        if ends == "roller":
-            fixed["dirichletz"] = "|".join(ends_there)
-        motion = ng.VectorH1(mesh, order=order, **{key: names for key, names in fixed.items() if names})
-        velocity = ng.VectorH1(mesh, order=order, definedon=fluid, dirichlet="inlet")
-        pressure = ng.H1(mesh, order=order - 1, definedon=fluid)
-        inside = velocity.GetDofs(domain.materials(fluid)) & ~velocity.GetDofs(domain.boundaries("interface"))
+        fluid = domain.geometry.fluid
+        motion, held = _motion(domain, order, ends)
+        if fluid is None:
+            space, none = ng.FESpace([motion]), np.zeros(0, dtype=np.int64)
+            blocks = {"d": np.arange(space.ndof), "w": none, "p": none, "e": none}
+            return cls(space, blocks, none, order, held, np.arange(space.ndof))
+        sticks = "|".join(["inlet", *domain.geometry.rigid_names])
+        velocity = ng.VectorH1(domain.mesh, order=order, definedon=fluid, dirichlet=sticks)
+        pressure = ng.H1(domain.mesh, order=order - 1, definedon=fluid)
+        inside = velocity.GetDofs(domain.materials(fluid))
+        if domain.has_boundary("interface"):
+            inside &= ~velocity.GetDofs(domain.boundaries("interface"))
         space = ng.FESpace([motion, ng.Compress(velocity, inside), ng.Compress(pressure)])
         in_m, in_w, in_p = (np.arange(space.Range(i).start, space.Range(i).stop) for i in range(3))
         inner = _same_functions(domain, space) - in_m[0]
@@ -86,11 +87,7 @@ class Unknowns:
         equations = np.arange(space.ndof)
         equations[blocks["w"]], equations[blocks["e"]] = blocks["e"], blocks["w"]
         on_inlet = _mask(space.components[1].GetDofs(domain.boundaries("inlet")))
-        solvable = np.concatenate(
-            [_mask(motion.FreeDofs()), _mask(velocity.FreeDofs())[_mask(inside)], np.ones_like(in_p, dtype=bool)]
-        )
-        if ends == "roller" and not bones:
-            solvable[_against_rigid_motion(domain, motion)] = False
+        solvable = np.concatenate([held, _mask(velocity.FreeDofs())[_mask(inside)], np.ones_like(in_p, dtype=bool)])
         return cls(space, blocks, in_w[on_inlet], order, solvable, equations)
 
     @property
@@ -108,12 +105,30 @@ class Unknowns:
         return mask
 
 
+def _motion(domain: Domain, order: int, ends: Ends) -> tuple[Any, Mask]:
+    """Return the space of the motion, and which of its unknowns are free."""
+    rigid = list(domain.geometry.rigid_names)
+    there = [name for name in ENDS if domain.has_boundary(name)]
+    if ends == "free" and not rigid:
+        raise CaseError("conditions.ends = 'free' leaves a segment without bones adrift: use 'roller' or 'clamped'")
+    if ends == "roller" and domain.mesh.dim == 2:
+        raise CaseError("conditions.ends = 'roller' is for segments in space: use 'clamped' or 'free' in the plane")
+    fixed = {"dirichlet": "|".join(rigid + (there if ends == "clamped" else []))}
+    if ends == "roller":
+        fixed["dirichletz"] = "|".join(there)
+    motion = ng.VectorH1(domain.mesh, order=order, **{key: names for key, names in fixed.items() if names})
+    free = _mask(motion.FreeDofs())
+    if ends == "roller" and not rigid:
+        free[_against_rigid_motion(domain, motion)] = False
+    return motion, free
+
+
 def _same_functions(domain: Domain, space: Any) -> Numbers:
     """Return for each unknown of w the one of m with the same basis function."""
     start = space.Range(1).start
     same = np.full(space.Range(1).stop - start, -1)
     motion, velocity = space.components[0], space.components[1]
-    for element in domain.materials(domain.geometry.fluid).Elements():
+    for element in domain.materials(str(domain.geometry.fluid)).Elements():
         m, w = np.array(motion.GetDofNrs(element)), np.array(velocity.GetDofNrs(element))
         same[w[w >= 0]] = m[w >= 0]
     if len(np.unique(same)) < len(same) or np.any(same < 0):

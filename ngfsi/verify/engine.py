@@ -58,7 +58,8 @@ class Reference:
 
     Attributes:
         quantity: name of the quantity.
-        value: what it must be; 0 for errors, which are held against the tolerance as they are.
+        value: what it must be, of all series or by series (others have no such quantity); 0 for errors, which are
+            held against the tolerance as they are.
         unit: of the value; "1" for pure numbers.
         tolerance: largest relative error (absolute where `value` is 0), of all series or by series.
         source: where the value comes from.
@@ -66,11 +67,15 @@ class Reference:
     """
 
     quantity: str
-    value: float
+    value: float | Mapping[str, float]
     unit: str
     tolerance: float | Mapping[str, float]
     source: str
     order: float | Mapping[str, float] | None = None
+
+    def holds(self, series: str) -> bool:
+        """Whether there is such a quantity in a series."""
+        return not isinstance(self.value, Mapping) or series in self.value
 
 
 @dataclass(frozen=True)
@@ -184,7 +189,7 @@ def verify(name: str, module: ModuleType, level: str, say: Callable[[str], None]
             except NgfsiError as error:
                 raise VerificationError(f"benchmark '{name}', {series}, {dict(setting)}: {error}") from error
         sizes = tuple(float(setting.get("h", 0)) for setting in settings)
-        rows += [_row(reference, series, sizes, computed) for reference in module.REFERENCES]
+        rows += [_row(reference, series, sizes, computed) for reference in module.REFERENCES if reference.holds(series)]
     return Result(name, level, case.title, case.solves, case.exact, perf_counter() - started, tuple(rows))
 
 
@@ -192,8 +197,8 @@ def _row(reference: Reference, series: str, sizes: tuple[float, ...], computed: 
     quantity = reference.quantity
     if any(quantity not in values for values in computed):
         raise VerificationError(f"'{quantity}' was not computed: {sorted(computed[-1])}")
-    scale = abs(reference.value) or 1.0
-    errors = tuple(abs(values[quantity] - reference.value) / scale for values in computed)
+    exact = _of_series(reference.value, series)
+    errors = tuple(abs(values[quantity] - exact) / (abs(exact) or 1.0) for values in computed)
     order = None
     if len(errors) > 1 and min(*errors[-2:], sizes[-1]) > 0:
         order = log(errors[-2] / errors[-1]) / log(sizes[-2] / sizes[-1])
@@ -202,7 +207,7 @@ def _row(reference: Reference, series: str, sizes: tuple[float, ...], computed: 
         quantity=quantity,
         unit=reference.unit,
         computed=computed[-1][quantity],
-        reference=reference.value,
+        reference=exact,
         error=errors[-1],
         tolerance=_of_series(reference.tolerance, series),
         order=order,

@@ -1,0 +1,223 @@
+"""Plane channels with a cylinder across them, with and without an elastic beam behind it: benchmarks of the field.
+
+Axes: x along the channel, y across it, from its lower wall; everything is 1 m deep. The defaults are the dimensions of
+Turek and Hron, "Proposal for numerical benchmarking of fluid-structure interaction ...", LNCSE 53 (2006).
+"""
+
+from __future__ import annotations
+
+from math import asin, hypot, pi, sqrt
+from typing import Any, ClassVar
+
+from netgen.occ import Glue, MoveTo, OCCGeometry, X
+from pydantic import Field, model_validator
+
+from ngfsi.errors import GeometryError, NgfsiError
+from ngfsi.section import Section
+from ngfsi.units import Length
+
+ON_CIRCLE = 1e-6
+"""Points this close (relative) to the cylinder's radius lie on it."""
+
+
+class PlaneMesh(Section):
+    """How finely a plane section is meshed."""
+
+    refusal: ClassVar[type[NgfsiError]] = GeometryError
+
+    far_size: Length = Field(60e-3, gt=0, description="element size far from the cylinder")
+    cylinder_size: Length = Field(20e-3, gt=0, description="element size at the cylinder")
+    beam_size: Length = Field(20e-3, gt=0, description="element size along the beam")
+    corner_size: Length = Field(5e-3, gt=0, description="element size at the beam's corners, where stresses are large")
+    grading: float = Field(0.3, gt=0, le=1, description="how fast elements grow away from small ones")
+    curving_order: int = Field(3, ge=1, le=8, description="polynomial order of the curved elements")
+
+
+class CylinderSection(Section):
+    """Base of the plane geometries: a rigid cylinder."""
+
+    refusal: ClassVar[type[NgfsiError]] = GeometryError
+    solids: ClassVar[tuple[str, ...]] = ()
+    fluid: ClassVar[str | None] = "fluid"
+
+    cylinder_x: Length = Field(0.2, description="distance of the cylinder's centre from the inlet")
+    cylinder_y: Length = Field(0.2, description="distance of the cylinder's centre from the lower wall")
+    cylinder_radius: Length = Field(0.05, gt=0, description="radius of the cylinder")
+    mesh: PlaneMesh = PlaneMesh()
+
+    @property
+    def curving_order(self) -> int:
+        """Polynomial order of the curved mesh."""
+        return self.mesh.curving_order
+
+    @property
+    def size(self) -> float:
+        """Radius of the cylinder [m]."""
+        return self.cylinder_radius
+
+    @property
+    def internal_names(self) -> tuple[str, ...]:
+        """Boundaries inside a region: none."""
+        return ()
+
+    def shape_map(self) -> Any:
+        """Return no map: the mesh has the reference shape."""
+        return
+
+    def mesh_attempts(self) -> tuple[str, ...]:
+        """Return the one way to mesh."""
+        return ("the given element sizes",)
+
+    def _cylinder(self) -> Any:
+        return MoveTo(self.cylinder_x, self.cylinder_y).Circle(self.cylinder_radius).Face()
+
+    def _mesh(self, shape: Any) -> Any:
+        for edge in shape.edges:
+            if self._on_cylinder(edge):
+                edge.name, edge.maxh = "cylinder", self.mesh.cylinder_size
+            elif edge.name == "interface":
+                edge.maxh = self.mesh.beam_size
+                for vertex in edge.vertices:
+                    vertex.maxh = self.mesh.corner_size
+        return OCCGeometry(shape, dim=2).GenerateMesh(maxh=self.mesh.far_size, grading=self.mesh.grading)
+
+    def _on_cylinder(self, edge: Any) -> bool:
+        """Whether all of an edge lies on the cylinder."""
+        points = [edge.start, edge.end, edge.Value((edge.parameter_interval[0] + edge.parameter_interval[1]) / 2)]
+        distances = [hypot(p.x - self.cylinder_x, p.y - self.cylinder_y) for p in points]
+        return all(abs(d - self.cylinder_radius) < ON_CIRCLE * self.cylinder_radius for d in distances)
+
+
+class CylinderInChannel(CylinderSection):
+    """A channel with a cylinder: boundaries inlet, outlet, walls and cylinder."""
+
+    length: Length = Field(2.2, gt=0, description="length of the channel; that of Schaefer and Turek (1996)")
+    height: Length = Field(0.41, gt=0, description="height of the channel")
+
+    @model_validator(mode="after")
+    def _check_position(self) -> CylinderInChannel:
+        """Refuse a cylinder that is not inside of the channel."""
+        r = self.cylinder_radius
+        if not (r < self.cylinder_x < self.length - r and r < self.cylinder_y < self.height - r):
+            raise ValueError(
+                f"a cylinder of radius {r:g} m at ({self.cylinder_x:g}, {self.cylinder_y:g}) m is not inside of a "
+                f"channel of {self.length:g} m by {self.height:g} m"
+            )
+        return self
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Boundaries that are fixed in space."""
+        return "cylinder", "walls"
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        """Every boundary the mesh must have, the curved one first."""
+        return "cylinder", "walls", "inlet", "outlet"
+
+    def inflow(self) -> Any:
+        """Return the parabola of unit mean."""
+        from ngsolve import CF, y
+
+        return CF((6 * y * (self.height - y) / self.height**2, 0))
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region."""
+        return {"fluid": self.length * self.height - pi * self.cylinder_radius**2}
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
+        """Return the straight Netgen mesh [m] with its geometry and names."""
+        return self._mesh(self._channel() - self._cylinder())
+
+    def _channel(self) -> Any:
+        face = MoveTo(0, 0).Rectangle(self.length, self.height).Face()
+        face.edges.name = "walls"
+        face.edges.Min(X).name, face.edges.Max(X).name = "inlet", "outlet"
+        face.faces.name = "fluid"
+        return face
+
+
+class Beam(CylinderSection):
+    """A beam clamped to the back of a cylinder, without a fluid: its surface is the boundary `interface`."""
+
+    solids: ClassVar[tuple[str, ...]] = ("solid",)
+    fluid: ClassVar[str | None] = None
+
+    beam_length: Length = Field(0.35, gt=0, description="length of the beam from the cylinder's back")
+    beam_thickness: Length = Field(0.02, gt=0, description="thickness of the beam")
+
+    @model_validator(mode="after")
+    def _check_thickness(self) -> Beam:
+        """Refuse a beam that does not fit the cylinder."""
+        if self.beam_thickness >= 2 * self.cylinder_radius:
+            raise ValueError(
+                f"a beam of {self.beam_thickness:g} m cannot be clamped to a cylinder of radius "
+                f"{self.cylinder_radius:g} m: it must be thinner than the cylinder"
+            )
+        return self
+
+    @property
+    def tip(self) -> tuple[float, float]:
+        """Middle of the beam's end [m], the point A of the benchmark."""
+        return self.cylinder_x + self.cylinder_radius + self.beam_length, self.cylinder_y
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Boundaries that are fixed in space."""
+        return ("cylinder",)
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        """Every boundary the mesh must have, the curved one first."""
+        return "cylinder", "interface"
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region."""
+        r, half = self.cylinder_radius, self.beam_thickness / 2
+        hidden = half * sqrt(r**2 - half**2) + r**2 * asin(half / r)
+        return {"solid": self.beam_thickness * (r + self.beam_length) - hidden}
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
+        """Return the straight Netgen mesh [m] with its geometry and names."""
+        return self._mesh(self._beam())
+
+    def inflow(self) -> Any:
+        """Return nothing: there is no fluid."""
+        return
+
+    def _beam(self) -> Any:
+        reach = self.cylinder_radius + self.beam_length
+        corner = MoveTo(self.cylinder_x, self.cylinder_y - self.beam_thickness / 2)
+        face = corner.Rectangle(reach, self.beam_thickness).Face() - self._cylinder()
+        face.edges.name, face.faces.name = "interface", "solid"
+        return face
+
+
+class BeamInChannel(CylinderInChannel, Beam):
+    """A channel with a beam clamped to the back of the cylinder: Turek and Hron's."""
+
+    fluid: ClassVar[str | None] = "fluid"
+
+    length: Length = Field(2.5, gt=0, description="length of the channel")
+
+    @model_validator(mode="after")
+    def _check_tip(self) -> BeamInChannel:
+        """Refuse a beam that reaches out of the channel."""
+        if self.tip[0] >= self.length:
+            raise ValueError(f"the beam ends at x = {self.tip[0]:g} m, outside of a channel of {self.length:g} m")
+        return self
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        """Every boundary the mesh must have, the curved one first."""
+        return *CylinderInChannel.boundary_names.fget(self), "interface"  # type: ignore[attr-defined]
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region."""
+        solid, channel = Beam.exact_volumes(self)["solid"], CylinderInChannel.exact_volumes(self)["fluid"]
+        return {"solid": solid, "fluid": channel - solid}
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
+        """Return the straight Netgen mesh [m] with its geometry and names."""
+        beam = self._beam()
+        return self._mesh(Glue([self._channel() - self._cylinder() - beam, beam]))

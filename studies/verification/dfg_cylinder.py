@@ -1,0 +1,54 @@
+"""Steady flow around a cylinder in a channel (DFG benchmark 2D-1)."""
+
+from __future__ import annotations
+
+from geometry.channel import CylinderInChannel
+from ngfsi.materials import Newtonian
+from ngfsi.measure.force import Force
+from ngfsi.solve.initial import steady_flow
+from ngfsi.solve.linear import choose_backend
+from ngfsi.verify import Benchmark, Reference, Setting, Values
+from studies.verification.plane import at_rest, case_of, refined
+
+FLUID = Newtonian(density=1.0, viscosity=1e-3)
+SPEED = 0.2
+"""Mean velocity (m/s) at a Reynolds number of 20."""
+COEFFICIENT = 2 / (FLUID.density * SPEED**2 * 0.1)
+BESIDE = 1e-8
+"""Distance (m) from the cylinder at which its pressure is taken: points on it may lie outside by rounding."""
+
+
+def compute(setting: Setting) -> Values:
+    """Return the coefficients of drag and lift and the pressure difference."""
+    geometry = refined(CylinderInChannel(), setting["order"], setting["h"])
+    system, domain = at_rest(case_of(geometry, SPEED * 0.41, FLUID, None))
+    steady_flow(system, choose_backend("auto"))
+    drag, lift = COEFFICIENT * Force(system, "cylinder")()
+    pressure = system.state.components[2]
+    front, back = (domain.value(pressure, x, 0.2) for x in (0.15 - BESIDE, 0.25 + BESIDE))
+    return {"drag coefficient": drag, "lift coefficient": lift, "pressure difference": front - back}
+
+
+CASE = Benchmark(
+    title="DFG 2D-1: steady flow around a cylinder",
+    solves="flow at a Reynolds number of 20 around a cylinder that stands slightly off the middle of a plane channel; "
+    "forces from the balance of momentum (see `ngfsi.measure.force`)",
+    exact="values computed with spectral elements, known to ten digits",
+    compute=compute,
+)
+LEVELS = {
+    "ci": {f"k = {k}": ({"order": k, "h": 0.5},) for k in (2, 3)},
+    "full": {f"k = {k}": tuple({"order": k, "h": h} for h in (1.0, 0.5, 0.25)[: 3 if k < 4 else 2]) for k in (2, 3, 4)},
+}  # fmt: skip
+SOURCE = "G. Nabh (1998), as given for the benchmark of M. Schaefer and S. Turek (1996)"
+
+
+def _by_order(*values: float) -> dict[str, float]:
+    return {f"k = {k}": value for k, value in zip((2, 3, 4), values, strict=True)}
+
+
+REFERENCES = (
+    Reference("drag coefficient", 5.57953523384, "1", _by_order(1e-3, 2e-5, 1e-6), SOURCE),
+    Reference("lift coefficient", 0.010618948146, "1", _by_order(0.2, 2e-2, 1e-3), SOURCE),
+    Reference("pressure difference", 0.11752016697, "Pa", _by_order(2e-2, 5e-3, 2e-3), SOURCE),
+)

@@ -1,0 +1,92 @@
+"""Flow around a cylinder with an elastic beam (Turek-Hron FSI1 to FSI3)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.solve.initial import initial_state
+from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.newton import Newton
+from ngfsi.verify import Benchmark, Reference, Setting, Values
+from studies.verification.plane import at_rest, march, refined
+from studies.verification.turek_hron import (
+    BEAM_IN_CHANNEL,
+    SOURCE,
+    flow_case,
+    force_on_obstacle,
+    oscillations,
+    rising_case,
+    tip_motion,
+)
+
+Array = NDArray[np.float64]
+
+
+def compute(setting: Setting) -> Values:
+    """Return the displacement (m) of the tip and the force (N per metre of depth) on cylinder and beam."""
+    name, geometry = setting["case"], refined(BEAM_IN_CHANNEL, setting["order"], setting["h"])
+    if name != "FSI1":
+        return _periodic(rising_case(name, geometry, setting["step"], setting["end"]))
+    system, _ = at_rest(flow_case(name, geometry))
+    initial_state(system, Newton(system, choose_backend("auto")), lambda _: None)
+    return dict(zip(("ux", "uy", "drag", "lift"), (*tip_motion(system), *force_on_obstacle(system)()), strict=True))
+
+
+def _periodic(case: Any) -> Values:
+    system, _ = at_rest(case)
+    force = force_on_obstacle(system)
+
+    def measure() -> Array:
+        return np.concatenate([tip_motion(system), force()])
+
+    rows = march(system, Newton(system, choose_backend("auto")), measure)
+    return oscillations(rows, "ux", "uy", "drag", "lift")
+
+
+CASE = Benchmark(
+    title="Turek-Hron FSI1-3: flow around an elastic beam",
+    solves="the coupled system in plane strain: a Saint Venant-Kirchhoff beam behind a cylinder in a channel, steady "
+    "at a Reynolds number of 20 (FSI1), and swinging by itself at 100 (FSI2) and 200 (FSI3) after a smooth start",
+    exact="published values of the tip's displacement and of the force on cylinder and beam; codes differ by some "
+    "per cent in the amplitudes of FSI2 and FSI3",
+    compute=compute,
+)
+STEADY = {f"FSI1, k = {k}": (("FSI1", k), (1.0, 0.5)) for k in (2, 3, 4)}
+LEVELS: dict[str, dict[str, tuple[dict[str, Any], ...]]] = {
+    "ci": {"FSI1, k = 3": ({"case": "FSI1", "order": 3, "h": 1.0},)},
+    "full": {
+        **{
+            series: tuple({"case": name, "order": k, "h": h} for h in sizes)
+            for series, ((name, k), sizes) in STEADY.items()
+        },
+        "FSI2": tuple({"case": "FSI2", "order": 3, "h": 1.0, "step": step, "end": 14.0} for step in (0.004, 0.002)),
+        "FSI3": tuple({"case": "FSI3", "order": 3, "h": 1.0, "step": step, "end": 8.0} for step in (0.002, 0.001)),
+    },
+}
+
+
+def _by_order(*values: float) -> dict[str, float]:
+    return {f"FSI1, k = {k}": value for k, value in zip((2, 3, 4), values, strict=True)}
+
+
+def _swings(quantity: str, unit: str, fsi2: float, fsi3: float, allowed: float) -> Reference:
+    return Reference(quantity, {"FSI2": fsi2, "FSI3": fsi3}, unit, allowed, SOURCE)
+
+
+REFERENCES = (
+    Reference("ux", _by_order(*3 * (2.27e-5,)), "m", _by_order(1e-2, 5e-3, 3e-3), SOURCE),
+    Reference("uy", _by_order(*3 * (0.8209e-3,)), "m", _by_order(5e-2, 2e-2, 1e-2), SOURCE),
+    Reference("drag", _by_order(*3 * (14.295,)), "N", _by_order(2e-3, 1e-3, 3e-4), SOURCE),
+    Reference("lift", _by_order(*3 * (0.7638,)), "N", _by_order(5e-2, 5e-3, 2e-3), SOURCE),
+    _swings("uy, amplitude", "m", 80.6e-3, 34.38e-3, 3e-2),
+    _swings("uy, frequency", "1/s", 2.0, 5.3, 3e-2),
+    _swings("ux, mean", "m", -14.58e-3, -2.69e-3, 0.1),
+    _swings("ux, amplitude", "m", 12.44e-3, 2.53e-3, 0.1),
+    _swings("ux, frequency", "1/s", 3.8, 10.9, 5e-2),
+    _swings("drag, mean", "N", 208.83, 457.3, 2e-2),
+    _swings("drag, amplitude", "N", 73.75, 22.66, 0.2),
+    _swings("lift, amplitude", "N", 234.2, 149.78, 0.1),
+)

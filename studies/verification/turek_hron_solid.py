@@ -1,0 +1,102 @@
+"""A clamped beam under its own weight (Turek-Hron CSM1 to CSM3)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ngsolve as ng
+
+from geometry.channel import Beam
+from ngfsi.case import TimeStepping
+from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.system import System
+from ngfsi.verify import Benchmark, Reference, Setting, Values
+from studies.verification.plane import at_rest, case_of, march, refined
+from studies.verification.turek_hron import DATA, SOURCE, oscillations, tip_motion
+
+GRAVITY = 2.0
+SHARES = (0.25, 0.5, 0.75, 1.0)
+
+
+class Heavy(System):
+    """A beam under a share of its weight."""
+
+    def _solid_terms(self, m: Any, v: Any) -> list[Any]:
+        self.share = ng.Parameter(1.0)
+        density = self.solids["solid"].density
+        weight = self.share * density * GRAVITY * v[1] * self.domain.dx("solid")
+        return [*super()._solid_terms(m, v), weight]
+
+
+def compute(setting: Setting) -> Values:
+    """Return the displacement of the tip (m), at rest or while it swings from the straight shape."""
+    name = setting["case"]
+    changes: dict[str, Any] = {}
+    if name == "CSM3":
+        step = setting["step"]
+        changes = {"time": TimeStepping(step=step, end=setting["end"]), "solver.compile": setting["end"] / step > 500}
+    case = case_of(refined(Beam(), setting["order"], setting["h"]), 0.0, None, DATA[name].beam, **changes)
+    system = Heavy(case, at_rest(case)[1])
+    newton = Newton(system, choose_backend("auto"))
+    if name == "CSM3":
+        rows = march(system, newton, lambda: tip_motion(system))
+        return oscillations(rows, "ux", "uy")
+    system.set_steady()
+    for share in SHARES:
+        system.share.Set(share)
+        newton.solve(case.solver.tolerance, case.solver.max_iterations)
+    x, y = tip_motion(system)
+    return {"ux": x, "uy": y}
+
+
+CASE = Benchmark(
+    title="Turek-Hron CSM1-3: beam under its weight",
+    solves="a Saint Venant-Kirchhoff beam in plane strain, 17 times as long as thick, clamped to a cylinder; its "
+    "weight bends it by a fifth of its length; CSM3 lets it swing from the straight shape",
+    exact="published values of the displacement of its tip",
+    compute=compute,
+)
+
+
+def _levels(sizes: dict[int, tuple[float, ...]], swing: tuple[dict[str, Any], ...]) -> dict[str, tuple[Setting, ...]]:
+    steady = {
+        f"{name}, k = {k}": tuple({"case": name, "order": k, "h": h} for h in hs)
+        for name in ("CSM1", "CSM2")
+        for k, hs in sizes.items()
+    }
+    return {**steady, **{f"CSM3, {swing[0]['end']:.0f} s": tuple({"case": "CSM3", **setting} for setting in swing)}}
+
+
+LEVELS = {
+    "ci": _levels({2: (1.0, 0.5), 3: (1.0, 0.5)}, ({"order": 3, "h": 1.0, "step": 0.01, "end": 4.0},)),
+    "full": _levels(
+        {2: (1.0, 0.5, 0.25), 3: (1.0, 0.5, 0.25), 4: (1.0, 0.5)},
+        tuple({"order": 3, "h": 0.5, "step": step, "end": 10.0} for step in (0.01, 0.005)),
+    ),
+}
+
+
+def _steady(csm1: float, csm2: float) -> dict[str, float]:
+    return {f"{name}, k = {k}": value for name, value in (("CSM1", csm1), ("CSM2", csm2)) for k in (2, 3, 4)}
+
+
+def _by_order(*values: float) -> dict[str, float]:
+    return {f"{name}, k = {k}": value for name in ("CSM1", "CSM2") for k, value in zip((2, 3, 4), values, strict=True)}
+
+
+ALLOWED = _by_order(5e-3, 1e-3, 5e-4)
+SWINGS = {"CSM3, 4 s": 1e-2, "CSM3, 10 s": 3e-3}
+SWUNG = {
+    "ux, mean": (-14.305e-3, "m"),
+    "ux, amplitude": (14.305e-3, "m"),
+    "ux, frequency": (1.0995, "1/s"),
+    "uy, mean": (-63.607e-3, "m"),
+    "uy, amplitude": (65.160e-3, "m"),
+    "uy, frequency": (1.0995, "1/s"),
+}
+REFERENCES = (
+    Reference("ux", _steady(-7.1878e-3, -0.46901e-3), "m", ALLOWED, SOURCE),
+    Reference("uy", _steady(-66.103e-3, -16.974e-3), "m", ALLOWED, SOURCE),
+    *(Reference(name, dict.fromkeys(SWINGS, value), unit, SWINGS, SOURCE) for name, (value, unit) in SWUNG.items()),
+)

@@ -1,0 +1,144 @@
+"""The coupled system in the plane: the same terms with two components, plane strain, and solids without a fluid."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import pytest
+
+from geometry.channel import Beam, BeamInChannel, CylinderInChannel, PlaneMesh
+from ngfsi.case import Case
+from ngfsi.domain import Domain
+from ngfsi.errors import CaseError, GeometryError, RegionError
+from ngfsi.materials import CompressibleNeoHookean, Newtonian
+from ngfsi.meshing import MeshReport, quiet
+from ngfsi.solve.system import System
+from ngfsi.solve.unknowns import Unknowns
+from studies.verification.plane import case_of
+from tests.slopes import difference
+from tests.vein import randomise, rows
+
+BEAM = CompressibleNeoHookean(young=30e3, poisson=0.3, density=1060.0)
+FLUID = Newtonian(density=1060.0, viscosity=3.5e-3)
+COARSE = PlaneMesh(far_size=0.4, cylinder_size=0.1, beam_size=0.2, corner_size=0.02, curving_order=2, grading=0.9)
+
+
+def domain_of(geometry: Any) -> Domain:
+    """Mesh a geometry without the guarded process."""
+    with quiet():
+        return Domain(ng.Mesh(geometry.netgen_mesh()), geometry, MeshReport("direct", (), 0.0))
+
+
+def case_with(geometry: Any, **more: Any) -> Case:
+    """Return a case with whatever the geometry has."""
+    return case_of(geometry, 0.1, FLUID if geometry.fluid else None, BEAM if geometry.solids else None, **more)
+
+
+@pytest.fixture(scope="module", params=["harmonic", "stiffened"])
+def lively(request: pytest.FixtureRequest) -> System:
+    """A random state, linearised there."""
+    geometry = BeamInChannel(mesh=COARSE)
+    system = System(case_with(geometry, **{"discretisation.mesh_motion": request.param}), domain_of(geometry))
+    randomise(system)
+    system.form.AssembleLinearization(system.state.vec)
+    return system
+
+
+@pytest.mark.parametrize(("column", "step"), [("d", 1e-6), ("w", 1e-5), ("p", 10.0), ("e", 1e-6)])
+def test_jacobian_by_differences(lively: System, column: str, step: float) -> None:
+    part = lively.unknowns.blocks[column]
+    direction = np.zeros(lively.unknowns.size)
+    direction[part] = np.random.default_rng(2).standard_normal(len(part))
+    vector, product = lively.state.vec.CreateVector(), lively.state.vec.CreateVector()
+    vector.FV().NumPy()[:] = direction
+    product.data = lively.form.mat * vector
+    exact, measured = np.array(product.FV().NumPy()), difference(lively.form, lively.state.vec, direction, step)
+    for row in lively.unknowns.blocks:
+        a, b = rows(lively, row, exact), rows(lively, row, measured)
+        assert np.linalg.norm(a - b) <= 1e-7 * np.linalg.norm(a), (row, column)
+
+
+def test_what_is_held() -> None:
+    """Rigid boundaries hold mesh and fluid, clamped ends the mesh; the interface holds the relative velocity alone."""
+    geometry = BeamInChannel(mesh=COARSE)
+    domain = domain_of(geometry)
+    unknowns = Unknowns.build(domain, 2, "clamped")
+    field = ng.GridFunction(unknowns.space)
+    field.vec.FV().NumPy()[:] = np.where(unknowns.free(), np.random.default_rng(0).standard_normal(unknowns.size), 0.0)
+    m, w, _ = field.components
+
+    def moves(part: Any, *names: str) -> bool:
+        return bool(ng.Integrate(part * part * domain.ds(*names), domain.mesh) > 1e-20 * domain.area(*names))
+
+    assert [moves(m, name) for name in geometry.boundary_names] == [False, False, False, False, True]
+    assert [moves(w, name) for name in geometry.boundary_names] == [False, False, False, True, False]
+
+
+def test_solids_alone() -> None:
+    geometry = Beam(mesh=COARSE)
+    system = System(case_with(geometry), domain_of(geometry))
+    assert system.unknowns.size == len(system.unknowns.blocks["d"]) == system.unknowns.space.ndof
+    assert system.block_scales() == {"d": geometry.cylinder_radius}
+    randomise_solid = np.random.default_rng(3).standard_normal(system.unknowns.size)
+    system.values[:] = 1e-4 * randomise_solid
+    assert np.linalg.norm(system.residual().FV().NumPy()) > 0
+
+
+def test_plane_strain_is_a_slab_that_cannot_get_thicker() -> None:
+    """The same displacement in a cube whose third component vanishes has the same energy and nodal forces' work."""
+    from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
+
+    from ngfsi.physics import terms
+    from ngfsi.physics.kinematics import Kinematics
+
+    works = []
+    for mesh, parts in ((MakeStructured2DMesh(nx=2, ny=2), 2), (MakeStructured3DMesh(nx=2, ny=2, nz=1), 3)):
+        space = ng.VectorH1(mesh, order=2)
+        d, v = ng.GridFunction(space), ng.GridFunction(space)
+        d.Set(ng.CF((0.2 * ng.x * ng.y, 0.1 * ng.x**2 - 0.1 * ng.y, 0)[:parts]))
+        v.Set(ng.CF((ng.y**2, ng.x * ng.y, 0)[:parts]))
+        F = Kinematics(ng.Grad(d)).F
+        integrands = (
+            terms.internal_work(BEAM, F, ng.Grad(v)),
+            terms.stored_energy(BEAM, F),
+            terms.hydrostatic_pressure(BEAM, F),
+        )
+        works.append([ng.Integrate(integrand, mesh, order=12) for integrand in integrands])
+    assert works[0] == pytest.approx(works[1], rel=1e-9)
+    assert min(abs(np.array(works[0]))) > 10.0
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: BeamInChannel(beam_length=3.0), "the beam ends at x = 3.25 m, outside of a channel of 2.5 m"),
+        (lambda: Beam(beam_thickness=0.2), "a beam of 0.2 m cannot be clamped to a cylinder of radius 0.05 m"),
+        (lambda: CylinderInChannel(cylinder_y=0.4), "a cylinder of radius 0.05 m at \\(0.2, 0.4\\) m is not inside"),
+    ],
+)
+def test_refused_dimensions(make: Any, sentence: str) -> None:
+    with pytest.raises(GeometryError, match=sentence):
+        make()
+
+
+def test_points() -> None:
+    domain = domain_of(CylinderInChannel(mesh=COARSE))
+    place = ng.CF((ng.x, ng.y))
+    for point in ((1.3, 0.3), (0.1499, 0.2), (0.2 + 0.0501 * np.cos(1), 0.2 + 0.0501 * np.sin(1))):
+        assert domain.value(place, *point) == pytest.approx(point, rel=1e-12)
+    with pytest.raises(RegionError, match=r"the point \(0.2, 0.2\) m is not inside of CylinderInChannel"):
+        domain.value(place, 0.2, 0.2)
+
+
+def test_volumes_and_names() -> None:
+    for geometry in (CylinderInChannel(), Beam(), BeamInChannel()):
+        statistics = domain_of(geometry).statistics()
+        assert max(map(abs, statistics["relative_volume_errors"].values())) < 2e-6
+        assert statistics["smallest_jacobian_ratio"] > 0.5
+
+
+def test_rollers_need_space() -> None:
+    with pytest.raises(CaseError, match=r"conditions\.ends = 'roller' is for segments in space"):
+        Unknowns.build(domain_of(Beam(mesh=COARSE)), 2, "roller")
