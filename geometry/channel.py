@@ -1,7 +1,7 @@
-"""Plane channels with a cylinder across them, with and without an elastic beam behind it: benchmarks of the field.
+"""Plane channels: straight, between elastic walls, and around a cylinder with and without an elastic beam behind it.
 
-Axes: x along the channel, y across it, from its lower wall; everything is 1 m deep. The defaults are the dimensions of
-Turek and Hron, "Proposal for numerical benchmarking of fluid-structure interaction ...", LNCSE 53 (2006).
+Axes: x along the channel, y across it; everything is 1 m deep. The dimensions of cylinder and beam are those of Turek
+and Hron, "Proposal for numerical benchmarking of fluid-structure interaction ...", LNCSE 53 (2006).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import asin, hypot, pi, sqrt
 from typing import Any, ClassVar
 
-from netgen.occ import Glue, MoveTo, OCCGeometry, X
+from netgen.occ import Glue, MoveTo, OCCGeometry, X, Y
 from pydantic import Field, model_validator
 
 from ngfsi.errors import GeometryError, NgfsiError
@@ -33,27 +33,19 @@ class PlaneMesh(Section):
     curving_order: int = Field(3, ge=1, le=8, description="polynomial order of the curved elements")
 
 
-class CylinderSection(Section):
-    """Base of the plane geometries: a rigid cylinder."""
+class PlaneSection(Section):
+    """Base of the plane geometries."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
     solids: ClassVar[tuple[str, ...]] = ()
     fluid: ClassVar[str | None] = "fluid"
 
-    cylinder_x: Length = Field(0.2, description="distance of the cylinder's centre from the inlet")
-    cylinder_y: Length = Field(0.2, description="distance of the cylinder's centre from the lower wall")
-    cylinder_radius: Length = Field(0.05, gt=0, description="radius of the cylinder")
     mesh: PlaneMesh = PlaneMesh()
 
     @property
     def curving_order(self) -> int:
         """Polynomial order of the curved mesh."""
         return self.mesh.curving_order
-
-    @property
-    def size(self) -> float:
-        """Radius of the cylinder [m]."""
-        return self.cylinder_radius
 
     @property
     def internal_names(self) -> tuple[str, ...]:
@@ -67,6 +59,98 @@ class CylinderSection(Section):
     def mesh_attempts(self) -> tuple[str, ...]:
         """Return the one way to mesh."""
         return ("the given element sizes",)
+
+
+class StraightChannel(PlaneSection):
+    """A channel between two rigid walls: boundaries inlet, outlet and walls; y is measured from its middle."""
+
+    length: Length = Field(10e-3, gt=0, description="length of the channel")
+    height: Length = Field(11.1e-3, gt=0, description="height of the channel")
+
+    @property
+    def size(self) -> float:
+        """Half the height [m]."""
+        return self.height / 2
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Boundaries that are fixed in space."""
+        return ("walls",)
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        """Every boundary the mesh must have."""
+        return *self.rigid_names, "inlet", "outlet"
+
+    def inflow(self) -> Any:
+        """Return the parabola of unit mean."""
+        from ngsolve import CF, y
+
+        return CF((1.5 * (1 - (2 * y / self.height) ** 2), 0))
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region."""
+        return {"fluid": self.length * self.height}
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
+        """Return the straight Netgen mesh [m] with its geometry and names."""
+        return self._mesh([self._strip("fluid", -self.height / 2, self.height / 2, ("inlet", "outlet", "walls"))])
+
+    def _mesh(self, strips: list[Any]) -> Any:
+        return OCCGeometry(Glue(strips), dim=2).GenerateMesh(maxh=self.mesh.far_size, grading=self.mesh.grading)
+
+    def _strip(self, region: str, low: float, high: float, names: tuple[str, str, str]) -> Any:
+        """Return a strip along the channel with the names of its ends at x = 0 and x = length and of its sides."""
+        face = MoveTo(0, low).Rectangle(self.length, high - low).Face()
+        face.edges.name, face.faces.name = names[2], region
+        face.edges.Min(X).name, face.edges.Max(X).name = names[:2]
+        return face
+
+
+class ElasticChannel(StraightChannel):
+    """A channel between two elastic walls whose outer faces are fixed: boundaries outer, interface and all ends."""
+
+    solids: ClassVar[tuple[str, ...]] = ("solid",)
+
+    wall_thickness: Length = Field(3e-3, gt=0, description="thickness of the walls")
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Boundaries that are fixed in space."""
+        return ("outer",)
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        """Every boundary the mesh must have."""
+        return *super().boundary_names, "interface", "wall_bottom", "wall_top"
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region."""
+        return {**super().exact_volumes(), "solid": 2 * self.length * self.wall_thickness}
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
+        """Return the straight Netgen mesh [m] with its geometry and names."""
+        inner, outer = self.height / 2, self.height / 2 + self.wall_thickness
+        walls = [
+            self._strip("solid", low, high, ("wall_bottom", "wall_top", "outer"))
+            for low, high in ((-outer, -inner), (inner, outer))
+        ]
+        for wall, side in zip(walls, (Y, -Y), strict=True):
+            wall.edges.Max(side).name = "interface"
+        return self._mesh([self._strip("fluid", -inner, inner, ("inlet", "outlet", "interface")), *walls])
+
+
+class CylinderSection(PlaneSection):
+    """Base of the sections with a rigid cylinder."""
+
+    cylinder_x: Length = Field(0.2, description="distance of the cylinder's centre from the inlet")
+    cylinder_y: Length = Field(0.2, description="distance of the cylinder's centre from the lower wall")
+    cylinder_radius: Length = Field(0.05, gt=0, description="radius of the cylinder")
+
+    @property
+    def size(self) -> float:
+        """Radius of the cylinder [m]."""
+        return self.cylinder_radius
 
     def _cylinder(self) -> Any:
         return MoveTo(self.cylinder_x, self.cylinder_y).Circle(self.cylinder_radius).Face()

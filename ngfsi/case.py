@@ -74,7 +74,8 @@ class Loads(Section):
 class Conditions(Section):
     """Ends of the segment and state at the start."""
 
-    ends: Literal["roller", "clamped", "free"] = "roller"
+    ends: Literal["roller", "clamped", "guided", "free"] = "roller"
+    """The end faces slide in their plane (roller), are fixed, move along the axis alone (guided), or carry no load."""
     initial_state: Literal["preload", "prestress"] = "preload"
     """preload: the geometry is unloaded and the blood inflates it; prestress: it carries the blood pressure already."""
 
@@ -84,9 +85,9 @@ class Discretisation(Section):
 
     order: int = Field(default=2, ge=2, le=6)
     """Order of displacement and velocity; the pressure is one lower."""
-    mesh_motion: Literal["harmonic", "stiffened"] = "harmonic"
-    """How the mesh of the fluid follows the solids: by Laplace's equation, best where a wall surrounds the fluid; or
-    with a stiffness that grows as 1/h^2 towards small elements of size h, which keeps those at a body in the flow."""
+    mesh_motion: Literal["harmonic", "elastic"] = "harmonic"
+    """How the mesh of the fluid follows the solids: by Laplace's equation, best where a wall surrounds the fluid; or as
+    a Neo-Hookean solid that is stiffer where elements are small, for bodies that swing in the flow."""
     extension_stiffness: float = Field(default=1.0, gt=0)
     """Factor on the equation of the mesh motion, without influence on the result."""
 

@@ -98,6 +98,14 @@ def harmonic_extension(stiffness: CF, grad_m: CF, grad_v: CF) -> CF:
     return stiffness * InnerProduct(grad_m, grad_v)
 
 
+def elastic_extension(stiffness: CF, k: Kinematics, grad_v: CF) -> CF:
+    """Equilibrium of a mesh with the energy F : F / 2 - ln J, which grows without bound as an element collapses.
+
+    A stiffness of 1/h^2 keeps small elements in shape (Stein, Tezduyar and Benney, J Appl Mech 70, 2003).
+    """
+    return stiffness * (InnerProduct(k.F, grad_v) - InnerProduct(k.cof, grad_v) / k.J)
+
+
 def follower_pressure(pressure: CF, k: Kinematics, normal: CF, v: CF) -> CF:
     """p cof(F) N . v: a pressure on the deformed face, N the outward reference normal."""
     return pressure * InnerProduct(k.cof * normal, v)

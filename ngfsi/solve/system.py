@@ -149,9 +149,11 @@ class System:
             + terms.incompressibility(k, f.grad_velocity, test[2])
         )
         stiffness = self.case.discretisation.extension_stiffness
-        if self.case.discretisation.mesh_motion == "stiffened":
-            stiffness = stiffness * (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
-        mesh_motion = terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(v_mesh))
+        if self.case.discretisation.mesh_motion == "harmonic":
+            mesh_motion = terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(v_mesh))
+        else:
+            stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
+            mesh_motion = terms.elastic_extension(stiffness, k, ng.Grad(v_mesh))
         # a boundary integral over facets of volume elements, since the outlet traction needs the full gradient of u
         normal = ng.specialcf.normal(self.domain.mesh.dim)
         outlet = terms.outflow(blood, rho, self.outlet_pressure, k, f.grad_velocity, f.velocity, f.relative, normal, v)

@@ -87,7 +87,7 @@ class TimeLoop:
         self.case, self.system, self.newton = case, system, newton
         self._inspect, self._say = inspect, say
         self._size = case.time.step
-        self.history = history or self._at_rest()
+        self.history = history or History()
         self._milestones = self._plan()
 
     @property
@@ -117,6 +117,8 @@ class TimeLoop:
         Raises:
             SolverError: a step failed at the smallest size; says at which time and why.
         """
+        if not self.history.times:
+            self.history.push(0.0, self.system.values.copy(), np.zeros(self.system.unknowns.size))
         time, index = self.history.times[0], 0
         self.system.values[:] = self.history.states[0]
         for milestone in self._milestones:
@@ -129,11 +131,6 @@ class TimeLoop:
                 self.history.push(time, self.system.values.copy(), self.system.rates())
                 self.history.smooth = 0 if self._is_kink(time) else self.history.smooth + 1
                 yield Step(index, time, size, solution, perf_counter() - started)
-
-    def _at_rest(self) -> History:
-        history = History()
-        history.push(0.0, self.system.values.copy(), np.zeros(self.system.unknowns.size))
-        return history
 
     def _is_kink(self, time: float) -> bool:
         return any(abs(time - kink) <= SAME_TIME * self.case.time.step for kink in self._kinks())

@@ -21,10 +21,13 @@ from numpy.typing import NDArray
 from ngfsi.domain import Domain
 from ngfsi.errors import CaseError
 
-Ends = Literal["roller", "clamped", "free"]
+Ends = Literal["roller", "clamped", "guided", "free"]
 BLOCKS = ("d", "w", "p", "e")
 
 ENDS = ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outlet")
+
+ACROSS_AXIS = {2: ("dirichlety",), 3: ("dirichletx", "dirichlety")}
+"""Conditions that leave motion along the axis: z in space, x in the plane."""
 
 SAME_HEIGHT = 1e-9
 """Points closer (m) to an end lie on it."""
@@ -61,7 +64,8 @@ class Unknowns:
     def build(cls, domain: Domain, order: int, ends: Ends) -> Unknowns:
         """Return the unknowns of polynomial order k: m and w of order k and p of order k - 1.
 
-        Roller: the end faces slide in their plane; clamped: they are fixed; free: they carry no load.
+        Roller: the end faces slide in their plane; clamped: they are fixed; guided: they move along the axis alone;
+        free: they carry no load.
         Bones are fixed; without bones, rollers leave the rigid motions in the plane free, and three components of
         two points of the skin are held, which carry no force in balance.
 
@@ -109,13 +113,15 @@ def _motion(domain: Domain, order: int, ends: Ends) -> tuple[Any, Mask]:
     """Return the space of the motion, and which of its unknowns are free."""
     rigid = list(domain.geometry.rigid_names)
     there = [name for name in ENDS if domain.has_boundary(name)]
-    if ends == "free" and not rigid:
-        raise CaseError("conditions.ends = 'free' leaves a segment without bones adrift: use 'roller' or 'clamped'")
+    if ends in ("free", "guided") and not rigid:
+        raise CaseError(f"conditions.ends = '{ends}' leaves a segment without bones adrift: use 'roller' or 'clamped'")
     if ends == "roller" and domain.mesh.dim == 2:
         raise CaseError("conditions.ends = 'roller' is for segments in space: use 'clamped' or 'free' in the plane")
     fixed = {"dirichlet": "|".join(rigid + (there if ends == "clamped" else []))}
     if ends == "roller":
         fixed["dirichletz"] = "|".join(there)
+    if ends == "guided":
+        fixed |= dict.fromkeys(ACROSS_AXIS[domain.mesh.dim], "|".join(there))
     motion = ng.VectorH1(domain.mesh, order=order, **{key: names for key, names in fixed.items() if names})
     free = _mask(motion.FreeDofs())
     if ends == "roller" and not rigid:

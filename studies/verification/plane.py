@@ -10,7 +10,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.channel import CylinderSection
+from geometry.channel import PlaneSection
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
 from ngfsi.curves import FlowConstant, PressureConstant
 from ngfsi.domain import Domain
@@ -26,9 +26,7 @@ SAVED_EVERY = 60.0
 """Seconds between two copies of an unfinished computation."""
 
 
-def case_of(
-    geometry: CylinderSection, flow: float, fluid: Newtonian | None, solid: SolidLaw | None, **more: Any
-) -> Case:
+def case_of(geometry: PlaneSection, flow: float, fluid: Newtonian | None, solid: SolidLaw | None, **more: Any) -> Case:
     """Return the case of a steady flow (m3/s per metre of depth), with the order of the geometry's curving.
 
     Args:
@@ -44,13 +42,13 @@ def case_of(
             outlet_pressure=PressureConstant(value=0.0),
         ),
         conditions=Conditions(ends="clamped"),
-        discretisation=Discretisation(order=geometry.curving_order, mesh_motion="stiffened"),
+        discretisation=Discretisation(order=geometry.curving_order, mesh_motion="elastic"),
         time=TimeStepping(step=1.0, end=1.0),
         solver=Solver(compile=False, tolerance=1e-9),
     ).replace(**more)
 
 
-def refined(geometry: CylinderSection, order: int, h: float) -> CylinderSection:
+def refined(geometry: PlaneSection, order: int, h: float) -> PlaneSection:
     """Return a geometry whose mesh has the polynomial order and h times the element sizes that it was given."""
     sizes = [name for name in type(geometry.mesh).model_fields if name.endswith("_size")]
     changes: dict[str, Any] = {f"mesh.{name}": h * getattr(geometry.mesh, name) for name in sizes}

@@ -11,11 +11,15 @@ from ngfsi.solve.linear import Factorisation, choose_backend
 from ngfsi.verify import VerificationError
 
 NEWTON_STEPS = 20
-SMALLEST_CHANGE = 1e-13
 
 
-def solve(form: Any, found: Any, free: NDArray[np.bool_], forces: Any = None) -> NDArray[np.float64]:
+def solve(
+    form: Any, found: Any, free: NDArray[np.bool_], forces: Any = None, tolerance: float = 1e-13
+) -> NDArray[np.float64]:
     """Solve form(found) = forces on the free unknowns, from the values that `found` has; return the reactions.
+
+    Args:
+        tolerance: largest change (m) at convergence.
 
     Raises:
         VerificationError: no convergence.
@@ -31,6 +35,6 @@ def solve(form: Any, found: Any, free: NDArray[np.bool_], forces: Any = None) ->
         factorisation.renew(found.vec)
         factorisation.solve(residual, update)
         found.vec.data -= update
-        if np.abs(update.FV().NumPy()).max() < SMALLEST_CHANGE:
+        if np.abs(update.FV().NumPy()).max() < tolerance:
             return reactions
     raise VerificationError("Newton's method did not converge")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.channel import BeamInChannel, CylinderSection
+from geometry.channel import BeamInChannel, PlaneSection
 from ngfsi.case import Case, TimeStepping
 from ngfsi.curves import FlowSmoothRamp
 from ngfsi.materials import Newtonian, SaintVenantKirchhoff
@@ -55,12 +55,12 @@ DATA = {
 }
 
 
-def flow_case(name: str, geometry: CylinderSection, **more: Any) -> Case:
+def flow_case(name: str, geometry: PlaneSection, **more: Any) -> Case:
     """Return the case of a benchmark with a fluid."""
     return case_of(geometry, DATA[name].speed * HEIGHT, FLUID, DATA[name].beam, **more)
 
 
-def rising_case(name: str, geometry: CylinderSection, step: float, end: float, **more: Any) -> Case:
+def rising_case(name: str, geometry: PlaneSection, step: float, end: float, **more: Any) -> Case:
     """Return the case of a benchmark whose inflow rises from rest; times in s."""
     inflow = FlowSmoothRamp(final=DATA[name].speed * HEIGHT, duration=RAMP)
     time = TimeStepping(step=step, end=end)

@@ -36,7 +36,7 @@ def case_with(geometry: Any, **more: Any) -> Case:
     return case_of(geometry, 0.1, FLUID if geometry.fluid else None, BEAM if geometry.solids else None, **more)
 
 
-@pytest.fixture(scope="module", params=["harmonic", "stiffened"])
+@pytest.fixture(scope="module", params=["harmonic", "elastic"])
 def lively(request: pytest.FixtureRequest) -> System:
     """A random state, linearised there."""
     geometry = BeamInChannel(mesh=COARSE)
