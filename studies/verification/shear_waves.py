@@ -140,13 +140,13 @@ class Driven(System):
 
     def velocity(self, t: float) -> Any:
         """Return the exact velocity of the fluid."""
-        swinging = _field(self.wave.velocity, 0.0, INNER, t, self.across)
-        return self.vector(swinging + self.wave.mean_velocity(self.across))
+        wave = swinging(self.wave.velocity, 0.0, INNER, t, self.across)
+        return self.vector(wave + self.wave.mean_velocity(self.across))
 
     def displacement(self, t: float, rate: int = 0) -> Any:
         """Return the exact displacement of the solids and of the fluid's mesh, or a rate of it."""
         factor = (1j * OMEGA) ** rate
-        solid = _field(lambda r: factor * self.wave.displacement(r), INNER, OUTER, t, self.across)
+        solid = swinging(lambda r: factor * self.wave.displacement(r), INNER, OUTER, t, self.across)
         inside = _real(factor * self.wave.displacement(INNER), t)
         if rate == 0:
             solid, inside = (
@@ -186,7 +186,7 @@ def _real(amplitude: complex, t: float) -> float:
     return float(np.real(amplitude * np.exp(1j * OMEGA * t)))
 
 
-def _field(profile: Profile, low: float, high: float, t: float, across: Any) -> Any:
+def swinging(profile: Profile, low: float, high: float, t: float, across: Any) -> Any:
     """Return the real part of profile(r) e^(i w t) as a polynomial of r."""
     values = Chebyshev.interpolate(
         lambda s: np.real(profile((low + high) / 2 + s * (high - low) / 2) * np.exp(1j * OMEGA * t)), DEGREE
@@ -271,8 +271,8 @@ def _levels(time: Sequence[float], space: Mapping[int, Sequence[float]], pipe: S
 
 
 LEVELS = {
-    "ci": {name: settings for name, settings in _levels((1 / 20, 1 / 40), {2: (0.5, 0.25)}, ()).items() if settings},
-    "full": _levels((1 / 20, 1 / 40, 1 / 80), {2: (1.0, 0.5, 0.25), 3: (1.0, 0.5, 0.25)}, (1 / 20, 1 / 40)),
+    "ci": {name: settings for name, settings in _levels((1 / 20, 1 / 40), {2: (0.6, 0.2)}, ()).items() if settings},
+    "full": _levels((1 / 20, 1 / 40, 1 / 80), {2: (0.6, 0.2), 3: (1.0, 0.5, 0.25)}, (1 / 20, 1 / 40)),
 }
 SERIES = {"channel, time steps": 2.0, "channel, elements, k = 2": 3.0, "channel, elements, k = 3": 4.0,
           "pipe, time steps": 2.0}  # fmt: skip

@@ -1,0 +1,116 @@
+"""Oscillating flow between rigid walls on a mesh that moves violently inside of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.channel import PlaneMesh, StraightChannel
+from ngfsi.case import Case, TimeStepping
+from ngfsi.domain import Domain
+from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.system import System
+from ngfsi.solve.timeloop import History, TimeLoop
+from ngfsi.verify import Benchmark, Reference, Setting, Values
+from studies.verification.plane import case_of
+from studies.verification.shear_waves import FLUID, INNER, KF, OMEGA, PERIOD, swinging
+
+Array = NDArray[np.float64]
+
+LENGTH = 10e-3
+GRADIENT, MEAN_GRADIENT = 200.0, 600.0
+"""Amplitude and mean of the pressure gradient (Pa/m), for a flow a few times faster than the mesh."""
+SHAKES = 1
+"""Times that the mesh moves to and fro in a period of the flow."""
+
+
+def velocity(t: float, y: Any) -> Any:
+    """Return the exact axial velocity (m/s) at a distance y from the middle (Womersley flow between plane walls)."""
+    amplitude = GRADIENT / (1j * OMEGA * FLUID.density)
+    wave = swinging(lambda r: amplitude * (1 - np.cos(KF * r) / np.cos(KF * INNER)), 0.0, INNER, t, ng.sqrt(y**2))
+    return wave + MEAN_GRADIENT / (2 * FLUID.viscosity) * (INNER**2 - y**2)
+
+
+class Shaken(System):
+    """The coupled system with the exact profile at the inlet and a prescribed motion of the mesh between the walls."""
+
+    def __init__(self, case: Case, domain: Domain, amplitude: float) -> None:
+        super().__init__(case, domain)
+        bump = ng.sin(np.pi * ng.x / LENGTH) * ng.cos(np.pi * ng.y / (2 * INNER))
+        field = ng.GridFunction(self.unknowns.space)
+        field.components[0].Set(amplitude * bump * ng.CF((ng.sin(2 * np.pi * ng.x / LENGTH) + 0.5, 0.8)))
+        self.shape = np.array(field.vec.FV().NumPy())[self.unknowns.blocks["e"]]
+
+    def place(self) -> Any:
+        """Return the position across the channel of each point of the mesh."""
+        return ng.y + self.state.components[0][1]
+
+    def mesh(self, t: float, rate: int = 0) -> Array:
+        """Return a vector of unknowns with the motion of the mesh, or its rate."""
+        phase, values = 2 * np.pi * SHAKES / PERIOD, np.zeros(self.unknowns.size)
+        share = phase * np.sin(phase * t) / 2 if rate else (1 - np.cos(phase * t)) / 2
+        values[self.unknowns.blocks["e"]] = self.shape * share
+        return values
+
+    def exact_state(self, t: float) -> Array:
+        """Return the unknowns of mesh and velocity of the exact solution."""
+        self.values[:] = self.mesh(t)
+        rate, field = ng.GridFunction(self.unknowns.space), ng.GridFunction(self.unknowns.space)
+        rate.vec.FV().NumPy()[:] = self.mesh(t, 1)
+        relative = ng.CF((velocity(t, self.place()), 0)) - rate.components[0]
+        field.components[1].Set(relative, definedon=self.domain.materials("fluid"), bonus_intorder=4)
+        return self.values + np.array(field.vec.FV().NumPy())
+
+    def set_loads(self, t: float) -> None:
+        """Take inflow and mesh of time t (s)."""
+        super().set_loads(t)
+        inflow, profile = ng.GridFunction(self.unknowns.space), ng.CF((velocity(t, ng.y), 0))
+        inflow.components[1].Set(profile, definedon=self.domain.boundaries("inlet"), bonus_intorder=4)
+        inlet, inside = self.unknowns.inlet, self.unknowns.blocks["e"]
+        self._prescribed = (inlet, np.array(inflow.vec.FV().NumPy()[inlet])), (inside, self.mesh(t)[inside])
+
+    def apply_inflow(self) -> None:
+        """Prescribe profile and mesh."""
+        for where, values in self._prescribed:
+            self.values[where] = values
+
+
+def compute(setting: Setting) -> Values:
+    """Return the largest error of the velocity over a period from the exact state, and how far the mesh is deformed."""
+    order, step = setting["order"], setting["step"] * PERIOD
+    sizes = {name: setting["size"] * 4e-3 for name in ("far_size", "cylinder_size", "beam_size", "corner_size")}
+    geometry = StraightChannel(length=LENGTH, height=2 * INNER, mesh=PlaneMesh(**sizes, curving_order=order))
+    changes = {"time": TimeStepping(step=step, end=PERIOD, scheme="bdf2")}
+    found = Shaken(case_of(geometry, 1e-9, FLUID, None, **changes), Domain.build(geometry), setting["amplitude"])
+    history = History([0.0, -step], [found.exact_state(t) for t in (0.0, -step)],
+                      [found.mesh(t, 1) for t in (0.0, -step)], smooth=1)  # fmt: skip
+    loop = TimeLoop(found.case, found, Newton(found, choose_backend("auto"), "w", "p"), str, _ignore, history)
+    J = Kinematics(found.fields(found.state.components).grad_motion).J
+    u, measure = found.fields(found.state.components).velocity, found.domain.dx("fluid", bonus_intorder=6)
+    points = found.domain.mesh.MapToAllElements(ng.IntegrationRule(ng.TRIG, 2 * order), ng.VOL)
+    errors, ratios = [], []
+    for at in loop.run():
+        exact = ng.CF((velocity(at.time, found.place()), 0))
+        squares = [ng.Integrate(J * (f * f) * measure, found.domain.mesh) for f in (u - exact, exact)]
+        errors.append(np.sqrt(squares[0] / squares[1]))
+        ratios.append(float(np.min(J(points))))
+    return {"velocity, L2 error": float(max(errors)), "smallest volume ratio of the mesh": min(ratios)}
+
+
+def _ignore(_line: Any) -> None:
+    return None
+
+
+if __name__ == "__main__":
+    for A in (1e-3,):
+        for s in (
+            [{"order": 4, "size": 0.3, "step": 1 / n} for n in (20, 40, 80)]
+            + [{"order": 2, "size": z, "step": 1 / 160} for z in (0.6, 0.3, 0.15)]
+            + [{"order": 3, "size": z, "step": 1 / 320} for z in (0.6, 0.3)]
+        ):
+            print(A, s, compute({"amplitude": A, **s}), flush=True)
