@@ -68,7 +68,15 @@ class Loads(Section):
     skin_pressure: PressureCurve
     inlet_flow: FlowCurve = FlowConstant(value=2.913e-6)
     """Flux of blood relative to the moving inlet; default: 1.12 times the flow of the study's subject 7."""
+    inlet_pressure: PressureCurve | None = None
+    """Pressure at the inlet, from which the flow follows; then `inlet_flow` is without effect."""
     outlet_pressure: PressureCurve = PressureConstant(value=10 * MMHG)
+
+    @property
+    def breakpoints(self) -> frozenset[float]:
+        """Times (s) where the slope of a load jumps."""
+        acting = (self.skin_pressure, self.inlet_pressure or self.inlet_flow, self.outlet_pressure)
+        return frozenset(t for curve in acting for t in curve.breakpoints)
 
 
 class Conditions(Section):

@@ -127,11 +127,11 @@ def _table(runs: Mapping[str, StoredRun], found: Mapping[str, Results], bars: Ma
         "# Numerical error of the calf\n\n"
         "M tissue with K 28.45 kPa at the end of the ramp of 25 mmHg in 1 s, computed with\n"
         "`python -m studies.tissue_accuracy FOLDER`. Meshes and steps are those of the levels of `compare_tissues`,\n"
-        "refined one at a time; `third order` is the mesh of `demo` with elements of order 3. Error bars are Richardson's:\n"
-        f"of the finest mesh with order {ORDER_IN_SPACE:g} in the size of its elements, of the shortest step with the\n"
-        f"order seen in the three shortest, between {SLOWEST:g} and {FASTEST:g}. The errors of the levels,\n"
-        "in [accuracy.toml](accuracy.toml), are the distance from the finest run plus its error bar, those of space and\n"
-        "time added.\n\n" + markdown_table(head, rows)
+        "refined one at a time; `third order` is the mesh of `demo` with elements of order 3. Error bars are\n"
+        f"Richardson's: of the finest mesh with order {ORDER_IN_SPACE:g} in the size of its elements, of the shortest\n"
+        f"step with the order seen in the three shortest, between {SLOWEST:g} and {FASTEST:g}. The errors of the\n"
+        "levels, in [accuracy.toml](accuracy.toml), are the distance from the finest run plus its error bar, those of\n"
+        "space and time added.\n\n" + markdown_table(head, rows)
     )
 
 

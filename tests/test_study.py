@@ -201,26 +201,42 @@ def test_a_report_without_any_result(tmp_path: Path) -> None:
 
 
 def test_accuracy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Errors of space and time are those against the finest mesh and the shortest step, and are added."""
-    losses = {"demo_mesh": 0.2, "paper_mesh": 0.24, "fine_mesh": 0.25, "paper_step": 0.22, "half_step": 0.225}
+    """Errors are distances from the finest run plus Richardson's bar of that; those of space and time are added."""
+    losses = {
+        "demo_mesh": 0.2, "paper_mesh": 0.24, "fine_mesh": 0.25, "third_order": 0.25,
+        "double_step": 0.21, "paper_step": 0.22, "half_step": 0.225,
+    }  # fmt: skip
+    unknowns = {"paper_mesh": 1000, "fine_mesh": 8000}
 
     def all_computed(cases: Mapping[str, Case], folder: Path) -> dict[str, Outcome]:
         assert {key: case.time.step for key, case in cases.items()} == {
-            "demo_mesh": 0.05, "paper_mesh": 0.05, "fine_mesh": 0.05, "paper_step": 0.01, "half_step": 0.005
+            "demo_mesh": 0.05, "paper_mesh": 0.05, "fine_mesh": 0.05, "third_order": 0.05,
+            "double_step": 0.02, "paper_step": 0.01, "half_step": 0.005,
         }  # fmt: skip
         meshes = {key: case.geometry.mesh for key, case in cases.items()}
         assert meshes["paper_mesh"] != meshes["demo_mesh"] == meshes["half_step"] == meshes["paper_step"]
-        return {key: Outcome(fake_run(folder / key, loss=losses[key])) for key in cases}
+        assert cases["third_order"].discretisation.order == meshes["third_order"].curving_order == 3
+        runs = {key: fake_run(folder / key, loss=losses[key]) for key in cases}
+        for key, run in runs.items():
+            run.manifest["unknowns"] = unknowns.get(key, 500)
+        return {key: Outcome(run) for key, run in runs.items()}
 
     monkeypatch.setattr(tissue_accuracy, "run_cases", all_computed)
     target = tmp_path / "docs" / "accuracy.toml"
     errors = tissue_accuracy.measure(tmp_path, target)
-    space, time = 100 * (0.8 / 0.75 - 1), 100 * (0.8 / 0.775 - 1)
-    assert errors["demo"]["volume_percent"] == pytest.approx(space + time, rel=0.05)  # two digits are kept
-    assert errors["demo"]["sawss_space_percent"] == pytest.approx(100 * (1 - (0.75 / 0.8) ** 1.5), rel=0.05)
-    assert errors["paper"]["volume_time_percent"] == pytest.approx(100 * (0.78 / 0.775 - 1), rel=0.05)
+    # twice as fine and of second order: a third of the last change; steps: changes of 0.01 and 0.005 are of order 1
+    space, time = (0.05 + 0.01 / 3) / 0.75, (0.025 + 0.005) / 0.775
+    assert errors["demo"]["volume_percent"] == pytest.approx(100 * (space + time), rel=0.05)  # two digits are kept
+    shears = [(1 - loss) ** -1.5 for loss in (0.2, 0.24, 0.25)]
+    bar = abs(shears[2] - shears[1]) / 3
+    wanted = 100 * (abs(shears[2] - shears[0]) + bar) / shears[2]
+    assert errors["demo"]["sawss_space_percent"] == pytest.approx(wanted, rel=0.05)
+    assert errors["paper"]["volume_time_percent"] == pytest.approx(100 * (0.005 + 0.005) / 0.775, rel=0.05)
     assert tissue_findings.numerical_errors("demo", target) == errors["demo"]
     assert tissue_findings.numerical_errors("other", target) == {}
+    page = target.with_suffix(".md").read_text()
+    assert "| fine mesh | 2 | 8,000 |" in page
+    assert "| error bar of fine mesh, space |  |  |  | 0.44 % |" in page
     monkeypatch.setattr(tissue_accuracy, "run_cases", lambda *_: {"demo_mesh": Outcome(None, "no mesh")})
     with pytest.raises(NgfsiError, match=r"'demo_mesh' in .* failed: no mesh"):
         tissue_accuracy.measure(tmp_path, target)

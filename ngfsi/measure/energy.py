@@ -43,16 +43,11 @@ class Energy:
         openings = domain.ds("inlet", "outlet", bonus_intorder=2 * order)
         flux = terms.relative_flux(k, fields.relative, normal)
         self._carried = rho / 2 * InnerProduct(u, u) * flux * openings
-        # facets of volume elements, since the outlet's traction needs the full gradient of the velocity
-        trace = domain.ds("outlet", skeleton=True, bonus_intorder=2 * order)
         test = system.unknowns.space.TestFunction()[0]
-        self._outlet = ng.LinearForm(system.unknowns.space)
-        self._outlet += (
-            -terms.outflow(
-                blood, rho, system.outlet_pressure, k, fields.grad_velocity, u, fields.relative, normal, test
-            )
-            * trace
-        )
+        self._openings = ng.LinearForm(system.unknowns.space)
+        for name in system.openings:
+            trace = domain.ds(name, skeleton=True, bonus_intorder=2 * order)
+            self._openings += -system.opening(name, fields, k, test) * trace
 
     def stored(self) -> float:
         """Return the energy of tissue and wall (J)."""
@@ -77,12 +72,12 @@ class Energy:
         velocity = np.zeros(unknowns.size)  # of the blood, as a function of the motion's space
         velocity[: unknowns.space.Range(0).stop] = rates[: unknowns.space.Range(0).stop]
         velocity[unknowns.blocks["e"]] += system.values[unknowns.blocks["w"]]
-        self._outlet.Assemble()
-        outlet = float(np.dot(self._outlet.vec.FV().NumPy(), velocity))
+        self._openings.Assemble()
+        pressed = float(np.dot(self._openings.vec.FV().NumPy(), velocity))
         # the force that makes the blood enter as prescribed is what the balance of momentum lacks there
         lacking = np.array(system.residual().FV().NumPy())[unknowns.inlet]
         inlet = float(np.dot(lacking, velocity[unknowns.equations[unknowns.inlet]]))
-        return inlet + outlet - self._sum([self._carried])
+        return inlet + pressed - self._sum([self._carried])
 
     def _stored_energy(self, domain: Domain) -> list[Any]:
         F, G = Kinematics(ng.Grad(self.system.state.components[0])).F, self.system.stress_free_gradient()

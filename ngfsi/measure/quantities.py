@@ -36,7 +36,7 @@ class Quantity:
 def _reynolds(probe: Probe) -> float:
     blood = probe.system.blood
     areas = probe.sections.areas
-    flows = np.abs(probe.sections.local_flows(probe.system.flow_rate))
+    flows = np.abs(probe.sections.local_flows(_inflow(probe)))
     diameters = np.sqrt(4 * areas / np.pi)
     return float(np.max(blood.density * flows / areas * diameters / blood.viscosity))
 
@@ -81,7 +81,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "sawss_poiseuille_local",
         "Pa",
         "SAWSS of developed flow with the same local area and flow",
-        lambda p: p.sections.poiseuille_sawss(p.system.flow_rate, p.system.blood.viscosity),
+        lambda p: p.sections.poiseuille_sawss(_inflow(p), p.system.blood.viscosity),
     ),
     Quantity(
         "p_tissue_side",

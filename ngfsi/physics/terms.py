@@ -111,19 +111,20 @@ def follower_pressure(pressure: CF, k: Kinematics, normal: CF, v: CF) -> CF:
     return pressure * InnerProduct(k.cof * normal, v)
 
 
-def outflow(
-    fluid: Viscous, density: CF, pressure: CF, k: Kinematics, grad_u: CF, u: CF, w: CF, normal: CF, v: CF
-) -> CF:
-    """Outlet traction sigma n = -p n + mu L^T n, which developed flow satisfies exactly, and a backflow term.
-
-    The backflow term rho (w.n)_- u . v takes out the kinetic energy that enters where blood flows in through the
-    outlet (Bertoglio et al., IJNMBE 34, 2018); it vanishes where the flow leaves.
-    """
+def opening(fluid: Viscous, pressure: CF, k: Kinematics, grad_u: CF, normal: CF, v: CF) -> CF:
+    """Traction sigma n = -p n + mu L^T n on an opening of given pressure, which developed flow satisfies exactly."""
     area = k.cof * normal
-    flux = InnerProduct(w, area)
     transposed = fluid.viscosity * InnerProduct((grad_u * k.inverse).trans * area, v)
-    backflow = density * IfPos(flux, 0, flux) * InnerProduct(u, v)
-    return pressure * InnerProduct(area, v) - transposed - backflow
+    return pressure * InnerProduct(area, v) - transposed
+
+
+def backflow(density: CF, k: Kinematics, u: CF, w: CF, normal: CF, v: CF) -> CF:
+    """Traction rho (w.n)_- u that takes out the kinetic energy of blood that comes back through an outlet.
+
+    It vanishes where the flow leaves (Bertoglio et al., IJNMBE 34, 2018).
+    """
+    flux = InnerProduct(w, k.cof * normal)
+    return -density * IfPos(flux, 0, flux) * InnerProduct(u, v)
 
 
 def relative_flux(k: Kinematics, w: CF, normal: CF) -> CF:

@@ -57,14 +57,16 @@ class System:
 
     def __init__(self, case: Case, domain: Domain) -> None:
         self.case, self.domain = case, domain
-        self.unknowns = Unknowns.build(domain, case.discretisation.order, case.conditions.ends)
+        inflow = case.loads.inlet_pressure is None
+        self.unknowns = Unknowns.build(domain, case.discretisation.order, case.conditions.ends, inflow=inflow)
         space = self.unknowns.space
         self.state = GridFunction(space)
         self.velocity_history = GridFunction(space)
         self.acceleration_history = GridFunction(space)
         self.new_weight = Parameter(0.0)
         self.skin_pressure = Parameter(0.0)
-        self.outlet_pressure = Parameter(0.0)
+        self.outlet_pressure, self.inlet_pressure = Parameter(0.0), Parameter(0.0)
+        self.openings = {"outlet": self.outlet_pressure} | ({} if inflow else {"inlet": self.inlet_pressure})
         self.blood_density = Parameter(self.blood.density if domain.geometry.fluid else 0.0)
         self.flow_rate = 0.0
         self.solids = {name: case.materials.law_of(name) for name in domain.geometry.solids}
@@ -154,19 +156,24 @@ class System:
         else:
             stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
             mesh_motion = terms.elastic_extension(stiffness, k, ng.Grad(v_mesh))
-        # a boundary integral over facets of volume elements, since the outlet traction needs the full gradient of u
-        normal = ng.specialcf.normal(self.domain.mesh.dim)
-        outlet = terms.outflow(blood, rho, self.outlet_pressure, k, f.grad_velocity, f.velocity, f.relative, normal, v)
         fluid = str(self.domain.geometry.fluid)
         return [
             compiled(momentum, native=self._native) * self.domain.dx(fluid, bonus_intorder=EXTRA_ORDER),
             mesh_motion.Compile() * self.domain.dx(fluid),
-            outlet.Compile() * self.domain.ds("outlet", skeleton=True),
+            *(self.opening(name, f, k, v).Compile() * self.domain.ds(name, skeleton=True) for name in self.openings),
         ]
+
+    def opening(self, name: str, f: Fields, k: Kinematics, v: Any) -> Any:
+        """Return the integrand of the traction on an opening with a prescribed pressure; needs the full gradient."""
+        normal = ng.specialcf.normal(self.domain.mesh.dim)
+        traction = terms.opening(self.blood, self.openings[name], k, f.grad_velocity, normal, v)
+        if name == "inlet":  # where blood is meant to enter with its energy
+            return traction
+        return traction + terms.backflow(self.blood_density, k, f.velocity, f.relative, normal, v)
 
     def apply_inflow(self) -> None:
         """Scale the inlet profile so that the flux through the deformed inlet is `flow_rate` (m3/s)."""
-        if self._inlet is not None:
+        if self._inlet is not None and "inlet" not in self.openings:
             self.values[self.unknowns.inlet] = self._inlet.profile * (self.flow_rate / self._inlet.flux())
 
     # ---------------------------------------------------------------- state, loads, rates
@@ -181,7 +188,10 @@ class System:
         loads = self.case.loads
         self.skin_pressure.Set(loads.skin_pressure(t))
         self.outlet_pressure.Set(loads.outlet_pressure(t))
-        self.flow_rate = loads.inlet_flow(t)
+        if loads.inlet_pressure is None:
+            self.flow_rate = loads.inlet_flow(t)
+        else:
+            self.inlet_pressure.Set(loads.inlet_pressure(t))
 
     def set_rates(self, weights: Weights, states: tuple[Vector, Vector], rates: tuple[Vector, Vector]) -> None:
         """Take the weights of a step and the histories of (last, second last) states and rates."""
@@ -213,13 +223,14 @@ class System:
         """Physical scale of each block, against which changes are judged.
 
         d, e: size of the geometry; w: mean velocity of the larger of inflow and 1 % of the fluid's volume per second
-        (for runs without inflow); p: the larger of outlet pressure and 1 Pa.
+        (for runs without inflow); p: the largest of the pressures at the openings and 1 Pa.
         """
         size = self.domain.geometry.size
         if self._inlet is None:
             return {"d": size}
         speed = max(abs(self.flow_rate), 0.01 * self._inlet.volume) / self._inlet.area
-        return {"d": size, "e": size, "w": speed, "p": max(abs(self.outlet_pressure.Get()), 1.0)}
+        pressure = max(1.0, *(abs(p.Get()) for p in self.openings.values()))
+        return {"d": size, "e": size, "w": speed, "p": pressure}
 
 
 class Inlet:

@@ -106,10 +106,7 @@ class TimeLoop:
         return sorted(grid)
 
     def _kinks(self) -> set[float]:
-        loads = self.case.loads
-        return {
-            t for curve in (loads.skin_pressure, loads.inlet_flow, loads.outlet_pressure) for t in curve.breakpoints
-        }
+        return set(self.case.loads.breakpoints)
 
     def run(self) -> Iterator[Step]:
         """Yield after each accepted step, the system holding its state and rates.

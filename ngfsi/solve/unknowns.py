@@ -61,13 +61,16 @@ class Unknowns:
     equations: Numbers
 
     @classmethod
-    def build(cls, domain: Domain, order: int, ends: Ends) -> Unknowns:
+    def build(cls, domain: Domain, order: int, ends: Ends, *, inflow: bool = True) -> Unknowns:
         """Return the unknowns of polynomial order k: m and w of order k and p of order k - 1.
 
         Roller: the end faces slide in their plane; clamped: they are fixed; guided: they move along the axis alone;
         free: they carry no load.
         Bones are fixed; without bones, rollers leave the rigid motions in the plane free, and three components of
         two points of the skin are held, which carry no force in balance.
+
+        Args:
+            inflow: whether the velocity is prescribed on the inlet.
 
         Raises:
             CaseError: neither bones nor ends hold the segment, or a plane geometry is to have rollers.
@@ -78,8 +81,9 @@ class Unknowns:
             space, none = ng.FESpace([motion]), np.zeros(0, dtype=np.int64)
             blocks = {"d": np.arange(space.ndof), "w": none, "p": none, "e": none}
             return cls(space, blocks, none, order, held, np.arange(space.ndof))
-        sticks = "|".join(["inlet", *domain.geometry.rigid_names])
-        velocity = ng.VectorH1(domain.mesh, order=order, definedon=fluid, dirichlet=sticks)
+        held_at = "|".join([*(["inlet"] if inflow else []), *domain.geometry.rigid_names])
+        sticks = {"dirichlet": held_at} if held_at else {}
+        velocity = ng.VectorH1(domain.mesh, order=order, definedon=fluid, **sticks)
         pressure = ng.H1(domain.mesh, order=order - 1, definedon=fluid)
         inside = velocity.GetDofs(domain.materials(fluid))
         if domain.has_boundary("interface"):
@@ -90,7 +94,7 @@ class Unknowns:
         blocks = {"d": np.delete(in_m, inner), "w": in_w, "p": in_p, "e": in_m[inner]}
         equations = np.arange(space.ndof)
         equations[blocks["w"]], equations[blocks["e"]] = blocks["e"], blocks["w"]
-        on_inlet = _mask(space.components[1].GetDofs(domain.boundaries("inlet")))
+        on_inlet = _mask(space.components[1].GetDofs(domain.boundaries("inlet"))) & inflow
         solvable = np.concatenate([held, _mask(velocity.FreeDofs())[_mask(inside)], np.ones_like(in_p, dtype=bool)])
         return cls(space, blocks, in_w[on_inlet], order, solvable, equations)
 

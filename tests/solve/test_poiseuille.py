@@ -132,3 +132,25 @@ def test_flow(pipe: Pipe) -> None:
     probe = Probe(pipe.system)
     assert -probe.integral("flux inlet") == pytest.approx(FLOW, rel=1e-12)
     assert probe.integral("flux outlet") == pytest.approx(FLOW, rel=1e-9)
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_a_pressure_at_the_inlet_drives_the_flow(order: int) -> None:
+    """The pressures at both ends give the flow of Hagen and Poiseuille, without a profile prescribed anywhere."""
+    settings = MeshSettings(axial_layers=2, far_size=20e-3, vein_size=3e-3, lumen_radii=(0.6,), curving_order=order,
+                            element="mixed")  # fmt: skip
+    tube = TubeSegment(length=LENGTH, lumen_diameter=2 * RADIUS, wall_thickness=3e-3, outer_radius=14e-3, mesh=settings)
+    pressures = {
+        "loads.inlet_pressure": PressureConstant(value=OUTLET_PRESSURE + GRADIENT * LENGTH),
+        "loads.outlet_pressure": PressureConstant(value=OUTLET_PRESSURE),
+        "conditions.ends": "clamped",
+    }
+    system = system_of(case_of(tube, **pressures))
+    assert len(system.unknowns.inlet) == 0
+    steady_flow(system, choose_backend("auto"))
+    probe = Probe(system)
+    probe.refresh()
+    accuracy = {2: 1e-2, 3: 1e-3}[order]
+    assert -probe.integral("flux inlet") == pytest.approx(FLOW, rel=accuracy)
+    assert probe.integral("flux outlet") == pytest.approx(FLOW, rel=accuracy)
+    assert Pipe(system).relative(system.state.components[1] - PARABOLA, PARABOLA) < 5 * accuracy
