@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Any, ClassVar
 
-from geometry.segment import MeshSettings, VeinSegment
+import numpy as np
+from pydantic import Field, model_validator
+
+from geometry.extrusion import extrude, layer_heights
+from geometry.plane import Ring, SectionMesh, even_angles, fill_vein
+from geometry.segment import END_NAMES, SIZE_FACTORS, MeshSettings, VeinSegment
 from ngfsi.units import Length
 
 
@@ -19,3 +24,40 @@ class TubeSegment(VeinSegment):
     def skin_radius(self) -> float:
         """Radius of the skin [m]."""
         return self.outer_radius
+
+
+class BareTube(TubeSegment):
+    """A tube of wall alone, without tissue: its outer surface is the skin."""
+
+    solids: ClassVar[tuple[str, ...]] = ("wall",)
+
+    @property
+    def skin_radius(self) -> float:
+        """Outer radius of the wall [m]."""
+        return self.lumen_radius + self.wall_thickness
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        """Every boundary the mesh must have, curved ones first."""
+        there = super().boundary_names
+        return tuple(name for name in there if name not in ("wall_outer", *END_NAMES["tissue"]))
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region."""
+        return {name: volume for name, volume in super().exact_volumes().items() if name != "tissue"}
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:
+        """Return the straight Netgen mesh [m] with its geometry and names."""
+        layers = self._vein_layers()
+        size = self.mesh.vein_size * SIZE_FACTORS[attempt]
+        angles = even_angles(self._vein_segments(size, [self.skin, *(circle for circle, _ in layers)]))
+        rim = Ring(self.skin, np.arange(len(angles), dtype=np.int32), "wall", None)
+        outline = SectionMesh(self.skin.points(angles), [], [rim])
+        section = fill_vein(outline, layers, self.fluid, split=self.mesh.element != "mixed")
+        heights = layer_heights(self.length, self.mesh.axial_layers, self.mesh.end_refinement)
+        return extrude(section, heights, END_NAMES, split=self.mesh.element == "tetrahedron")
+
+    @model_validator(mode="after")
+    def _check_positions(self) -> BareTube:
+        """Accept any size: there is nothing beside the wall."""
+        return self

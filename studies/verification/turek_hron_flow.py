@@ -51,7 +51,7 @@ LEVELS = {
     "ci": _levels({("CFD1", 3): (1.0,)}, ()),
     "full": _levels(
         {(name, k): (1.0, 0.5) for name in ("CFD1", "CFD2") for k in (2, 3, 4)},
-        tuple({"order": 3, "h": 1.0, "step": step, "end": 8.0} for step in (0.01, 0.005, 0.0025)),
+        tuple({"order": 3, "h": 1.0, "step": step, "end": 8.0} for step in (0.01, 0.005)),
     ),
 }
 

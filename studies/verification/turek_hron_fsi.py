@@ -62,8 +62,8 @@ LEVELS: dict[str, dict[str, tuple[dict[str, Any], ...]]] = {
             series: tuple({"case": name, "order": k, "h": h} for h in sizes)
             for series, ((name, k), sizes) in STEADY.items()
         },
-        "FSI2": tuple({"case": "FSI2", "order": 3, "h": 1.0, "step": step, "end": 14.0} for step in (0.004, 0.002)),
-        "FSI3": tuple({"case": "FSI3", "order": 3, "h": 1.0, "step": step, "end": 8.0} for step in (0.002, 0.001)),
+        "FSI2": ({"case": "FSI2", "order": 3, "h": 1.0, "step": 0.004, "end": 14.0},),
+        "FSI3": ({"case": "FSI3", "order": 3, "h": 0.6, "step": 0.002, "end": 8.0},),
     },
 }
 
@@ -82,7 +82,7 @@ REFERENCES = (
     Reference("drag", _by_order(*3 * (14.295,)), "N", _by_order(2e-3, 1e-3, 3e-4), SOURCE),
     Reference("lift", _by_order(*3 * (0.7638,)), "N", _by_order(5e-2, 5e-3, 2e-3), SOURCE),
     _swings("uy, amplitude", "m", 80.6e-3, 34.38e-3, 3e-2),
-    _swings("uy, frequency", "1/s", 2.0, 5.3, 3e-2),
+    _swings("uy, frequency", "1/s", 2.0, 5.3, 5e-2),
     _swings("ux, mean", "m", -14.58e-3, -2.69e-3, 0.1),
     _swings("ux, amplitude", "m", 12.44e-3, 2.53e-3, 0.1),
     _swings("ux, frequency", "1/s", 3.8, 10.9, 5e-2),
