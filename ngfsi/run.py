@@ -14,7 +14,7 @@ import ngsolve as ng
 
 from ngfsi.case import Case
 from ngfsi.domain import Domain
-from ngfsi.errors import NgfsiError, SolverError
+from ngfsi.errors import CaseError, NgfsiError, SolverError
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
 from ngfsi.output.fields import FieldWriter
@@ -41,11 +41,13 @@ def run(case: Case, folder: Path, *, quiet: bool = False) -> StoredRun:
         quiet: show no progress.
 
     Raises:
+        CaseError: the geometry is no vein in tissue.
         OutputError: the folder cannot be used.
         MeshError: the geometry could not be meshed.
         SolverError: no solution; says at which time, why, and where the results are.
         KeyboardInterrupt: after noting it in the manifest.
     """
+    _refuse_what_cannot_be_measured(case)
     backend = choose_backend(case.solver.linear)
     target = RunFolder.create(folder, case)
     try:
@@ -64,6 +66,15 @@ def run(case: Case, folder: Path, *, quiet: bool = False) -> StoredRun:
         raise
     target.finish("completed")
     return open_run(folder)
+
+
+def _refuse_what_cannot_be_measured(case: Case) -> None:
+    geometry = case.geometry
+    if not {"tissue", "wall"} <= set(geometry.solids) or not hasattr(geometry, "vein_centre"):
+        raise CaseError(
+            f"a {type(geometry).__name__} can be solved by the benchmarks only: a run measures a vein with the regions "
+            "tissue, wall and fluid, as of geometry.calf:CalfSegment or geometry.tube:TubeSegment"
+        )
 
 
 class Computation:

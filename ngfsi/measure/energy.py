@@ -2,7 +2,9 @@
 
 d/dt (stored + kinetic) = power of the skin's pressure + power through inlet and outlet - dissipation, with the kinetic
 energy that the blood carries through the openings in their powers. The solution of the coupled system obeys that up to
-the errors of the time scheme, and of div u = 0, which holds only against the functions of the pressure.
+two errors, and to no others: that of div u = 0, which holds only against the functions of the pressure and lets
+convection make the power `excess`; and that of the time scheme, which takes `rate` for the rate of the energy. At each
+instant rate = power of skin and flow - dissipation + excess, to quadrature.
 """
 
 from __future__ import annotations
@@ -40,6 +42,21 @@ class Energy:
         self._dissipation = InnerProduct(stress * k.cof, fields.grad_velocity) * fluid
         normal = ng.specialcf.normal(domain.mesh.dim)
         self._skin = -terms.follower_pressure(system.skin_pressure, k, normal, motion_rate) * domain.ds("skin")
+        acceleration = system.new_weight * motion_rate + system.acceleration_history.components[0]
+        grad_rate = system.new_weight * fields.grad_motion + ng.Grad(system.velocity_history.components[0])
+        self._rate = [
+            rho
+            * (k.J * InnerProduct(u, fields.acceleration) + InnerProduct(u, u) / 2 * InnerProduct(k.cof, grad_rate))
+            * fluid
+        ] + [
+            (
+                terms.internal_work(law, k.F, grad_rate, system.stress_free_gradient())
+                + terms.inertia(law.density, acceleration, motion_rate)
+            )
+            * domain.dx(name)
+            for name, law in system.solids.items()
+        ]
+        self._excess = rho / 2 * InnerProduct(u, u) * InnerProduct(k.cof, fields.grad_velocity) * fluid
         openings = domain.ds("inlet", "outlet", bonus_intorder=2 * order)
         flux = terms.relative_flux(k, fields.relative, normal)
         self._carried = rho / 2 * InnerProduct(u, u) * flux * openings
@@ -56,6 +73,14 @@ class Energy:
     def kinetic(self) -> float:
         """Return the kinetic energy of tissue, wall and blood (J)."""
         return self._sum(self._kinetic)
+
+    def rate(self) -> float:
+        """Return the rate of stored and kinetic energy as the time scheme has it (W)."""
+        return self._sum(self._rate)
+
+    def excess(self) -> float:
+        """Return the power that convection makes where div u is not zero pointwise (W)."""
+        return self._sum([self._excess])
 
     def dissipation(self) -> float:
         """Return the power that the blood's viscosity turns into heat (W)."""

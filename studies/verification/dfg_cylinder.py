@@ -14,8 +14,8 @@ FLUID = Newtonian(density=1.0, viscosity=1e-3)
 SPEED = 0.2
 """Mean velocity (m/s) at a Reynolds number of 20."""
 COEFFICIENT = 2 / (FLUID.density * SPEED**2 * 0.1)
-BESIDE = 1e-8
-"""Distance (m) from the cylinder at which its pressure is taken: points on it may lie outside by rounding."""
+BESIDE = 1e-5
+"""Distance (m) from the cylinder at which its pressure is taken: points on it may lie outside of the curved mesh."""
 
 
 def compute(setting: Setting) -> Values:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import ngsolve as ng
@@ -9,11 +10,14 @@ import numpy as np
 import pytest
 
 from geometry.channel import Beam, BeamInChannel, CylinderInChannel, PlaneMesh
-from ngfsi.case import Case
+from geometry.segment import MeshSettings
+from geometry.tube import BareTube
+from ngfsi.case import Case, Materials
 from ngfsi.domain import Domain
 from ngfsi.errors import CaseError, GeometryError, RegionError
 from ngfsi.materials import CompressibleNeoHookean, Newtonian
 from ngfsi.meshing import MeshReport, quiet
+from ngfsi.run import run
 from ngfsi.solve.system import System
 from ngfsi.solve.unknowns import Unknowns
 from studies.verification.plane import case_of
@@ -137,6 +141,24 @@ def test_volumes_and_names() -> None:
         statistics = domain_of(geometry).statistics()
         assert max(map(abs, statistics["relative_volume_errors"].values())) < 2e-6
         assert statistics["smallest_jacobian_ratio"] > 0.5
+
+
+def test_a_run_needs_a_vein(tmp_path: Path) -> None:
+    for geometry in (Beam(mesh=COARSE), BareTube()):
+        materials = Materials(**{name: BEAM for name in geometry.solids}, fluid=FLUID if geometry.fluid else None)
+        case = case_with(Beam(mesh=COARSE)).replace(geometry=geometry, materials=materials)
+        with pytest.raises(CaseError, match=f"a {type(geometry).__name__} can be solved by the benchmarks only"):
+            run(case, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_tube_without_tissue() -> None:
+    geometry = BareTube(mesh=MeshSettings(element="mixed", curving_order=3))
+    domain = domain_of(geometry)
+    wall = np.pi * ((geometry.lumen_radius + geometry.wall_thickness) ** 2 - geometry.lumen_radius**2)
+    assert domain.volume("wall") == pytest.approx(wall * geometry.length, rel=2e-4)
+    assert domain.area("skin") == pytest.approx(2 * np.pi * geometry.skin_radius * geometry.length, rel=2e-4)
+    assert domain.regions == ("wall", "fluid")
 
 
 def test_rollers_need_space() -> None:

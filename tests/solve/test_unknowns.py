@@ -38,7 +38,12 @@ def sizes(domain: Domain, field: Any, *faces: str) -> list[bool]:
 
 @pytest.mark.parametrize(
     ("ends", "moves"),
-    [("roller", [True, True, False]), ("clamped", [False, False, False]), ("free", [True, True, True])],
+    [
+        ("roller", [True, True, False]),
+        ("clamped", [False, False, False]),
+        ("guided", [False, False, True]),
+        ("free", [True, True, True]),
+    ],
 )
 def test_ends(domain: Domain, ends: Any, moves: list[bool]) -> None:
     """Rollers let the ends of tissue, wall and lumen slide in their plane, clamps not, free ends do as they like."""

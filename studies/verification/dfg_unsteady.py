@@ -1,0 +1,81 @@
+"""Flow around a cylinder that swells and ebbs (DFG benchmark 2D-3)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from geometry.channel import CylinderInChannel
+from ngfsi.case import TimeStepping
+from ngfsi.curves import FlowConstant
+from ngfsi.materials import Newtonian
+from ngfsi.measure.force import Force
+from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.newton import Newton
+from ngfsi.verify import Benchmark, Reference, Setting, Values
+from studies.verification.dfg_cylinder import BESIDE
+from studies.verification.plane import at_rest, case_of, march, refined
+
+Array = NDArray[np.float64]
+
+FLUID = Newtonian(density=1.0, viscosity=1e-3)
+SPEED, END = 1.0, 8.0
+"""Largest mean velocity (m/s), at a Reynolds number of 100, and the duration (s) of the half wave."""
+COEFFICIENT = 2 / (FLUID.density * SPEED**2 * 0.1)
+
+
+class HalfWave(FlowConstant):  # type: ignore[valid-type, misc]
+    """The flow value sin(pi t / END)."""
+
+    def __call__(self, t: float) -> float:
+        return float(self.value) * float(np.sin(np.pi * t / END))
+
+
+def compute(setting: Setting) -> Values:
+    """Return the largest coefficients of drag and lift, when they occur (s), and the last pressure difference (Pa)."""
+    geometry = refined(CylinderInChannel(), setting["order"], setting["size"])
+    changes: dict[str, Any] = {
+        "loads.inlet_flow": HalfWave(value=SPEED * 0.41),
+        "time": TimeStepping(step=setting["h"], end=setting["end"]),
+        "solver.tolerance": 1e-6,
+        "solver.compile": setting["end"] / setting["h"] > 500,
+    }
+    system, domain = at_rest(case_of(geometry, 0.0, FLUID, None, **changes))
+    force, pressure = Force(system, "cylinder"), system.state.components[2]
+
+    def measure() -> Array:
+        front, back = (domain.value(pressure, x, 0.2) for x in (0.15 - BESIDE, 0.25 + BESIDE))
+        return np.array([*(COEFFICIENT * force()), front - back])
+
+    times, drag, lift, difference = march(system, Newton(system, choose_backend("auto"), "w", "p"), measure).T
+    found: Values = {}
+    for name, values in (("drag coefficient", drag), ("lift coefficient", lift)):
+        spline = CubicSpline(times, values)
+        at = max((t for t in spline.derivative().roots(extrapolate=False) if times[2] < t < times[-1]), key=spline)
+        found |= {f"{name}, largest": float(spline(at)), f"{name}, time of the largest": float(at)}
+    return found | {"pressure difference at the end": float(difference[-1])}
+
+
+CASE = Benchmark(
+    title="DFG 2D-3: a half wave of flow around a cylinder",
+    solves="flow that rises from rest to a Reynolds number of 100 and ebbs within 8 s, shedding a few vortices; at "
+    "level ci its first half",
+    exact="published values, known to some six digits",
+    compute=compute,
+)
+FIRST, WHOLE = "first half", "whole wave"
+LEVELS = {
+    "ci": {FIRST: ({"order": 3, "size": 0.6, "h": 0.1, "end": 4.2},)},
+    "full": {WHOLE: tuple({"order": 3, "size": 0.6, "h": h, "end": END} for h in (0.02, 0.01))},
+}
+SOURCE = "V. John, Int J Numer Meth Fluids 44 (2004) 777"
+REFERENCES = (
+    Reference("drag coefficient, largest", 2.950921575, "1", {FIRST: 2e-3, WHOLE: 1e-3}, SOURCE),
+    Reference("drag coefficient, time of the largest", 3.93625, "s", {FIRST: 5e-3, WHOLE: 1e-3}, SOURCE),
+    Reference("lift coefficient, largest", {WHOLE: 0.47795}, "1", 2e-2, SOURCE),
+    Reference("lift coefficient, time of the largest", {WHOLE: 5.693125}, "s", 2e-3, SOURCE),
+    Reference("pressure difference at the end", {WHOLE: -0.1116}, "Pa", 1e-2, SOURCE),
+)
