@@ -200,7 +200,7 @@ def _row(reference: Reference, series: str, sizes: tuple[float, ...], computed: 
     exact = _of_series(reference.value, series)
     errors = tuple(abs(values[quantity] - exact) / (abs(exact) or 1.0) for values in computed)
     order = None
-    if len(errors) > 1 and min(*errors[-2:], sizes[-1]) > 0:
+    if len(errors) > 1 and sizes[-2] > sizes[-1] > 0 and min(errors[-2:]) > 0:
         order = log(errors[-2] / errors[-1]) / log(sizes[-2] / sizes[-1])
     return Row(
         series=series,
