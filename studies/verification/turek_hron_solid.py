@@ -55,8 +55,8 @@ CASE = Benchmark(
     solves="a Saint Venant-Kirchhoff beam in plane strain, 17 times as long as thick, clamped to a cylinder; its "
     "weight bends it by a fifth of its length; CSM3 lets it swing from the straight shape",
     exact="published values of the displacement of its tip; those of CSM3 are good to 2 per cent: with steps of 5 ms "
-    "the beam's second mode fades during the 10 s, in each time scheme differently, while with 2 ms the tip comes back to "
-    "where it started (uy -64.75 +- 64.84 mm, 1.0945 1/s)",
+    "the beam's second mode fades during the 10 s, in each time scheme differently, while with 2 ms the tip comes "
+    "back to where it started (uy -64.75 +- 64.84 mm, 1.0945 1/s)",
     compute=compute,
 )
 
