@@ -229,6 +229,8 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
         env=os.environ | {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)},
         stderr=subprocess.PIPE,
         text=True,
+        # a test started in the background of a shell hands down that the signal is ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
         deadline = time.monotonic() + 240
