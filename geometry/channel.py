@@ -25,12 +25,17 @@ class PlaneMesh(Section):
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
 
-    far_size: Length = Field(60e-3, gt=0, description="element size far from the cylinder")
+    far_size: Length = Field(60e-3, gt=0, description="element size, far from a cylinder if there is one")
+    grading: float = Field(0.3, gt=0, le=1, description="how fast elements grow away from small ones")
+    curving_order: int = Field(3, ge=1, le=8, description="polynomial order of the curved elements")
+
+
+class CylinderMesh(PlaneMesh):
+    """How finely a plane section with a cylinder is meshed."""
+
     cylinder_size: Length = Field(20e-3, gt=0, description="element size at the cylinder")
     beam_size: Length = Field(20e-3, gt=0, description="element size along the beam")
     corner_size: Length = Field(5e-3, gt=0, description="element size at the beam's corners, where stresses are large")
-    grading: float = Field(0.3, gt=0, le=1, description="how fast elements grow away from small ones")
-    curving_order: int = Field(3, ge=1, le=8, description="polynomial order of the curved elements")
 
 
 class PlaneSection(Section):
@@ -59,6 +64,18 @@ class PlaneSection(Section):
     def mesh_attempts(self) -> tuple[str, ...]:
         """Return the one way to mesh."""
         return ("the given element sizes",)
+
+    def _mesh(self, shape: Any) -> Any:
+        """Return the straight Netgen mesh of a shape."""
+        return OCCGeometry(shape, dim=2).GenerateMesh(maxh=self.mesh.far_size, grading=self.mesh.grading)
+
+
+def strip(region: str, length: float, low: float, high: float, names: tuple[str, str, str]) -> Any:
+    """Return a strip along x (m) with the names of its region and of its ends at x = 0 and x = length and its sides."""
+    face = MoveTo(0, low).Rectangle(length, high - low).Face()
+    face.edges.name, face.faces.name = names[2], region
+    face.edges.Min(X).name, face.edges.Max(X).name = names[:2]
+    return face
 
 
 class StraightChannel(PlaneSection):
@@ -94,17 +111,8 @@ class StraightChannel(PlaneSection):
 
     def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
         """Return the straight Netgen mesh [m] with its geometry and names."""
-        return self._mesh([self._strip("fluid", -self.height / 2, self.height / 2, ("inlet", "outlet", "walls"))])
-
-    def _mesh(self, strips: list[Any]) -> Any:
-        return OCCGeometry(Glue(strips), dim=2).GenerateMesh(maxh=self.mesh.far_size, grading=self.mesh.grading)
-
-    def _strip(self, region: str, low: float, high: float, names: tuple[str, str, str]) -> Any:
-        """Return a strip along the channel with the names of its ends at x = 0 and x = length and of its sides."""
-        face = MoveTo(0, low).Rectangle(self.length, high - low).Face()
-        face.edges.name, face.faces.name = names[2], region
-        face.edges.Min(X).name, face.edges.Max(X).name = names[:2]
-        return face
+        half = self.height / 2
+        return self._mesh(strip("fluid", self.length, -half, half, ("inlet", "outlet", "walls")))
 
 
 class ElasticChannel(StraightChannel):
@@ -132,17 +140,19 @@ class ElasticChannel(StraightChannel):
         """Return the straight Netgen mesh [m] with its geometry and names."""
         inner, outer = self.height / 2, self.height / 2 + self.wall_thickness
         walls = [
-            self._strip("solid", low, high, ("wall_bottom", "wall_top", "outer"))
+            strip("solid", self.length, low, high, ("wall_bottom", "wall_top", "outer"))
             for low, high in ((-outer, -inner), (inner, outer))
         ]
         for wall, side in zip(walls, (Y, -Y), strict=True):
             wall.edges.Max(side).name = "interface"
-        return self._mesh([self._strip("fluid", -inner, inner, ("inlet", "outlet", "interface")), *walls])
+        fluid = strip("fluid", self.length, -inner, inner, ("inlet", "outlet", "interface"))
+        return self._mesh(Glue([fluid, *walls]))
 
 
 class CylinderSection(PlaneSection):
     """Base of the sections with a rigid cylinder."""
 
+    mesh: CylinderMesh = CylinderMesh()
     cylinder_x: Length = Field(0.2, description="distance of the cylinder's centre from the inlet")
     cylinder_y: Length = Field(0.2, description="distance of the cylinder's centre from the lower wall")
     cylinder_radius: Length = Field(0.05, gt=0, description="radius of the cylinder")
@@ -163,7 +173,7 @@ class CylinderSection(PlaneSection):
                 edge.maxh = self.mesh.beam_size
                 for vertex in edge.vertices:
                     vertex.maxh = self.mesh.corner_size
-        return OCCGeometry(shape, dim=2).GenerateMesh(maxh=self.mesh.far_size, grading=self.mesh.grading)
+        return super()._mesh(shape)
 
     def _on_cylinder(self, edge: Any) -> bool:
         """Whether all of an edge lies on the cylinder."""
@@ -214,11 +224,7 @@ class CylinderInChannel(CylinderSection):
         return self._mesh(self._channel() - self._cylinder())
 
     def _channel(self) -> Any:
-        face = MoveTo(0, 0).Rectangle(self.length, self.height).Face()
-        face.edges.name = "walls"
-        face.edges.Min(X).name, face.edges.Max(X).name = "inlet", "outlet"
-        face.faces.name = "fluid"
-        return face
+        return strip("fluid", self.length, 0.0, self.height, ("inlet", "outlet", "walls"))
 
 
 class Beam(CylinderSection):
@@ -294,7 +300,7 @@ class BeamInChannel(CylinderInChannel, Beam):
     @property
     def boundary_names(self) -> tuple[str, ...]:
         """Every boundary the mesh must have, the curved one first."""
-        return *CylinderInChannel.boundary_names.fget(self), "interface"  # type: ignore[attr-defined]
+        return *super().boundary_names, "interface"
 
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of each region."""

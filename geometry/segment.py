@@ -140,7 +140,7 @@ class VeinSegment(Section):
     def boundary_names(self) -> tuple[str, ...]:
         """Every boundary the mesh must have, curved ones first."""
         ends = [name for pair in END_NAMES.values() for name in pair]
-        return ("skin", *self.rigid_names, "wall_outer", "interface", *ends)
+        return ("skin", *(bone.name for bone in self.bones), "wall_outer", "interface", *ends)
 
     @property
     def internal_names(self) -> tuple[str, ...]:

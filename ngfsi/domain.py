@@ -134,6 +134,17 @@ class Domain:
         fluid = self.geometry.fluid
         return self.geometry.solids if fluid is None else (*self.geometry.solids, fluid)
 
+    @property
+    def fluid(self) -> str:
+        """Name of the region of the fluid.
+
+        Raises:
+            RegionError: there is none.
+        """
+        if self.geometry.fluid is None:
+            raise RegionError(f"{type(self.geometry).__name__} has no fluid")
+        return self.geometry.fluid
+
     def has_boundary(self, name: str) -> bool:
         """Whether the geometry has such a boundary."""
         return name in self.geometry.boundary_names

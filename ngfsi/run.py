@@ -109,7 +109,7 @@ class Computation:
             self._factorisations += initial_state(system, newton, self.folder.log)
         with self._phase("measures"):
             probe = Probe(system)
-        loop = TimeLoop(self.case, system, newton, lambda: self._inversion(probe), self.folder.log)
+        loop = TimeLoop(self.case, system, newton, probe.deformation.inversion, self.folder.log)
         writer = FieldWriter(self.folder.path, domain, volume_fields(system))
         with Progress(self.case.name, end=self.case.time.end, steps=loop.steps, quiet=self.quiet) as progress:
             self._record(0.0, 0.0, probe)
@@ -165,20 +165,10 @@ class Computation:
         self.folder.update_manifest(
             unknowns=unknowns.size,
             unknowns_by_block={name: len(part) for name, part in unknowns.blocks.items()},
-            reference={"lumen_volume_m3": system.domain.volume(str(system.domain.geometry.fluid))},
+            reference={"lumen_volume_m3": system.domain.volume(system.domain.fluid)},
             linear_solver=self.backend,
             threads=ng.ngsglobals.numthreads,
         )
-
-    @staticmethod
-    def _inversion(probe: Probe) -> str:
-        """Say in which region an element is turned inside out, or nothing."""
-        domain = probe.domain
-        for region in domain.regions:
-            smallest = probe.smallest_jacobian(region)
-            if not smallest > 0:
-                return f"elements of region '{region}' are turned inside out (smallest det F {smallest:.3g})"
-        return ""
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:
@@ -193,7 +183,7 @@ def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
     """Return the fields written for ParaView, defined on the whole domain: zero where they do not exist."""
     domain = system.domain
     fields = system.fields(system.state.components)
-    fluid = str(domain.geometry.fluid)
+    fluid = domain.fluid
     solid_velocity = system.new_weight * system.state.components[0] + system.velocity_history.components[0]
     everywhere = {name: solid_velocity for name in domain.geometry.solids} | {fluid: fields.velocity}
     return {

@@ -50,7 +50,7 @@ def computed(case: Case) -> Run:
         run.states.append(np.array(system.values))
 
     record()
-    for step in TimeLoop(case, system, newton, lambda: "", lambda _: None).run():
+    for step in TimeLoop(case, system, newton).run():
         run.steps.append(step)
         record()
     return run

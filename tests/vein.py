@@ -24,6 +24,7 @@ from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.unknowns import BLOCKS
+from tests.slopes import slope
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ BONED = BonedTube()
 
 
 @cache
-def domain_of(geometry: VeinSegment) -> Domain:
+def domain_of(geometry: Any) -> Domain:
     """Mesh a geometry without the guarded process."""
     with quiet():
         return Domain(ng.Mesh(geometry.netgen_mesh()), geometry, MeshReport("direct", (), 0.0))
@@ -88,7 +89,7 @@ def steady(case: Case) -> tuple[System, Newton]:
     """Return the system in its steady state at t = 0, and its solver."""
     system = system_of(case)
     newton = Newton(system, choose_backend(case.solver.linear))
-    initial_state(system, newton, lambda _: None)
+    initial_state(system, newton)
     return system, newton
 
 
@@ -100,6 +101,14 @@ def block(system: System, name: str, vector: Array) -> Array:
 def rows(system: System, name: str, vector: Array) -> Array:
     """Return the part of a form's residual that belongs to the equations of one of the unknowns."""
     return vector[system.unknowns.equations][system.unknowns.blocks[name]]
+
+
+def column_slope(system: System, name: str, step: float) -> tuple[Array, Array]:
+    """Return the residual's derivative in a random direction of one of the unknowns: the system's, by differences."""
+    part = system.unknowns.blocks[name]
+    direction = np.zeros(system.unknowns.size)
+    direction[part] = np.random.default_rng(2).standard_normal(len(part))
+    return slope(system.form, system.state.vec, direction, step)
 
 
 def position() -> ng.CoefficientFunction:

@@ -31,7 +31,7 @@ class Energy:
         fields = system.fields(system.state.components)
         k = Kinematics(fields.grad_motion)
         u, rho = fields.velocity, system.blood_density
-        fluid = domain.dx(str(domain.geometry.fluid), bonus_intorder=2 * order)
+        fluid = domain.dx(domain.fluid, bonus_intorder=2 * order)
         motion_rate = system.new_weight * system.state.components[0] + system.velocity_history.components[0]
         blood = system.blood
         self._kinetic = [rho / 2 * k.J * InnerProduct(u, u) * fluid] + [

@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import ngsolve as ng
-import numpy as np
 from ngsolve import Id, InnerProduct
 
 from ngfsi.domain import Vein
+from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.wall import ShearStatistics, Wall
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.system import System
-
-SHAPES = (ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
 
 
 class Probe:
@@ -28,12 +26,10 @@ class Probe:
         self.fluid = self.vein.fluid
         self.wall = Wall(system)
         self.sections = Sections(system)
+        self.deformation = Deformation(system)
         self.shear = ShearStatistics(0.0, 0.0, 0.0)
         self._fields = system.fields(system.state.components)
         self._motion = Kinematics(self._fields.grad_motion)
-        rules = {shape: ng.IntegrationRule(shape, 2 * system.unknowns.order) for shape in SHAPES}
-        mesh = self.domain.mesh
-        self._points = {name: mesh.MapToAllElements(rules, self.domain.materials(name)) for name in self.domain.regions}
         self._integrals = self._define()
         self._known: dict[str, float] = {}
 
@@ -49,15 +45,6 @@ class Probe:
         if name not in self._known:
             self._known[name] = float(ng.Integrate(self._integrals[name], self.domain.mesh))
         return self._known[name]
-
-    def smallest_jacobian(self, region: str) -> float:
-        """Return the smallest det F of a region's quadrature points."""
-        return float(np.min(self._motion.J(self._points[region])))
-
-    def largest_displacement(self) -> float:
-        """Return the largest displacement (m) at quadrature points of the solids."""
-        size = ng.Norm(self.system.state.components[0])
-        return max(float(np.max(size(self._points[name]))) for name in self.domain.geometry.solids)
 
     def solid_pressure(self, region: str, side: str = "") -> float:
         """Return the mean of p = -tr(sigma)/3 (Pa) over the deformed region, or over its side of a boundary."""

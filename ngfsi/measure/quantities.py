@@ -59,7 +59,7 @@ def _jacobian(region: str) -> Quantity:
         f"detF_min_{region}",
         "1",
         f"smallest volume ratio det F in {region}",
-        lambda probe: probe.smallest_jacobian(region),
+        lambda probe: probe.deformation.smallest_jacobian(region),
     )
 
 
@@ -106,7 +106,9 @@ QUANTITIES: tuple[Quantity, ...] = (
         lambda p: p.integral("lumen rate") + p.integral("flux outlet") + p.integral("flux inlet"),
     ),
     Quantity("reynolds", "1", "largest Reynolds number of the sections", _reynolds),
-    Quantity("displacement_max", "m", "largest displacement of the solids", lambda p: p.largest_displacement()),
+    Quantity(
+        "displacement_max", "m", "largest displacement of the solids", lambda p: p.deformation.largest_displacement()
+    ),
     *(_jacobian(name) for name in ("tissue", "wall", "fluid")),
 )
 

@@ -53,7 +53,7 @@ class Wall:
     def __init__(self, system: System) -> None:
         self.system = system
         domain, order = system.domain, system.unknowns.order
-        fluid = str(domain.geometry.fluid)
+        fluid = domain.fluid
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
         self._motion, self._velocity = ng.GridFunction(space), ng.GridFunction(space)
         self._fields = system.fields(system.state.components)

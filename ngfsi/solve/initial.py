@@ -15,6 +15,7 @@ from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 
 Say = Callable[[str], None]
+"""Takes lines for the log."""
 FINEST_LOAD_STEP = 1 / 64
 NEWTON_STEPS = 30
 START_TOLERANCE = 1e-5
@@ -22,7 +23,11 @@ START_TOLERANCE = 1e-5
 stresses are a millionth of the pressure."""
 
 
-def initial_state(system: System, newton: Newton, say: Say) -> int:
+def silent(_line: str) -> None:
+    """Keep no log."""
+
+
+def initial_state(system: System, newton: Newton, say: Say = silent) -> int:
     """Bring the system to its steady state under the loads of t = 0; return the number of factorisations.
 
     preload: the reference shape is free of stress, and the blood inflates it.

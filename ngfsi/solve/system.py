@@ -156,7 +156,7 @@ class System:
         else:
             stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
             mesh_motion = terms.elastic_extension(stiffness, k, ng.Grad(v_mesh))
-        fluid = str(self.domain.geometry.fluid)
+        fluid = self.domain.fluid
         return [
             compiled(momentum, native=self._native) * self.domain.dx(fluid, bonus_intorder=EXTRA_ORDER),
             mesh_motion.Compile() * self.domain.dx(fluid),
@@ -251,7 +251,7 @@ class Inlet:
         motion, normal = Kinematics(ng.Grad(system.state.components[0])), ng.specialcf.normal(self._mesh.dim)
         measure = domain.ds("inlet", bonus_intorder=2 * unknowns.order)
         self._flux = terms.relative_flux(motion, entering, normal) * measure
-        self.area, self.volume = domain.area("inlet"), domain.volume(str(domain.geometry.fluid))
+        self.area, self.volume = domain.area("inlet"), domain.volume(domain.fluid)
 
     def flux(self) -> float:
         """Return the flux (m3/s) of the profile through the deformed inlet."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from ngfsi.case import Case
 from ngfsi.errors import SolverError
+from ngfsi.solve.initial import Say, silent
 from ngfsi.solve.newton import Newton, Solution
 from ngfsi.solve.schemes import weights
 from ngfsi.solve.system import System, Vector
@@ -74,14 +75,14 @@ class TimeLoop:
     """Advances a system from its initial state to the end of the case."""
 
     def __init__(
-        self, case: Case, system: System, newton: Newton, inspect: Callable[[], str], say: Callable[[str], None],
+        self, case: Case, system: System, newton: Newton, inspect: Callable[[], str] = str, say: Say = silent,
         history: History | None = None,
     ) -> None:  # fmt: skip
         """Prepare the loop.
 
         Args:
-            inspect: returns why the present state is unacceptable (an inverted element, say), or "".
-            say: takes lines for the log.
+            inspect: returns why the present state is unacceptable (an inverted element, say), or ""; default: never.
+            say: takes lines for the log; default: none is kept.
             history: of an earlier loop, which this one continues; default: the system's state, at rest at t = 0.
         """
         self.case, self.system, self.newton = case, system, newton
@@ -100,13 +101,10 @@ class TimeLoop:
         time = self.case.time
         count = ceil(time.end / time.step - SAME_TIME)
         grid = [min(k * time.step, time.end) for k in range(1, count + 1)]
-        for kink in self._kinks():
+        for kink in self.case.loads.breakpoints:
             if 0 < kink < time.end and min(abs(kink - t) for t in grid) > SAME_TIME * time.step:
                 grid.append(kink)
         return sorted(grid)
-
-    def _kinks(self) -> set[float]:
-        return set(self.case.loads.breakpoints)
 
     def run(self) -> Iterator[Step]:
         """Yield after each accepted step, the system holding its state and rates.
@@ -130,7 +128,7 @@ class TimeLoop:
                 yield Step(index, time, size, solution, perf_counter() - started)
 
     def _is_kink(self, time: float) -> bool:
-        return any(abs(time - kink) <= SAME_TIME * self.case.time.step for kink in self._kinks())
+        return any(abs(time - kink) <= SAME_TIME * self.case.time.step for kink in self.case.loads.breakpoints)
 
     def _advance(self, time: float, milestone: float) -> tuple[float, Solution]:
         """Take one step towards the milestone, with smaller steps if need be; return its size and cost."""

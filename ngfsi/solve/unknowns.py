@@ -138,7 +138,7 @@ def _same_functions(domain: Domain, space: Any) -> Numbers:
     start = space.Range(1).start
     same = np.full(space.Range(1).stop - start, -1)
     motion, velocity = space.components[0], space.components[1]
-    for element in domain.materials(str(domain.geometry.fluid)).Elements():
+    for element in domain.materials(domain.fluid).Elements():
         m, w = np.array(motion.GetDofNrs(element)), np.array(velocity.GetDofNrs(element))
         same[w[w >= 0]] = m[w >= 0]
     if len(np.unique(same)) < len(same) or np.any(same < 0):

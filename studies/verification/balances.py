@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,10 +51,10 @@ def compute(setting: Setting) -> Values:
     }
     found = system(geometry, SOLID, SOLID, 1333.22, 0.0, **loads)
     newton = Newton(found, choose_backend("auto"))
-    initial_state(found, newton, lambda _: None)
+    initial_state(found, newton)
     energy, probe = Energy(found), Probe(found)
     rows = [_row(0.0, energy, probe)]
-    rows += [_row(step.time, energy, probe) for step in TimeLoop(found.case, found, newton, str, _ignore).run()]
+    rows += [_row(step.time, energy, probe) for step in TimeLoop(found.case, found, newton).run()]
     times, stored, kinetic, heat, skin, flow, rate_of_scheme, excess, volume, rate = np.array(rows).T
     total = stored + kinetic
     work = float(np.trapezoid(skin, times))
@@ -78,10 +76,6 @@ def _row(time: float, energy: Energy, probe: Probe) -> list[float]:
     powers = (energy.dissipation(), energy.skin_power(), energy.flow_power(), energy.rate(), energy.excess())
     volume = (probe.integral("lumen volume"), probe.integral("lumen rate"))
     return [time, energy.stored(), energy.kinetic(), *powers, *volume]
-
-
-def _ignore(_line: Any) -> None:
-    return None
 
 
 CASE = Benchmark(

@@ -3,30 +3,42 @@
 from __future__ import annotations
 
 from geometry.channel import CylinderInChannel
+from ngfsi.case import Materials
 from ngfsi.materials import Newtonian
 from ngfsi.measure.force import Force
 from ngfsi.solve.initial import steady_flow
 from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 from studies.verification.plane import at_rest, case_of, refined
 
+CHANNEL = CylinderInChannel()
 FLUID = Newtonian(density=1.0, viscosity=1e-3)
 SPEED = 0.2
 """Mean velocity (m/s) at a Reynolds number of 20."""
-COEFFICIENT = 2 / (FLUID.density * SPEED**2 * 0.1)
 BESIDE = 1e-5
 """Distance (m) from the cylinder at which its pressure is taken: points on it may lie outside of the curved mesh."""
 
 
+def coefficient(speed: float) -> float:
+    """Return the coefficient of a force of 1 N per metre of depth at a mean velocity (m/s) of the inflow."""
+    return 2 / (FLUID.density * speed**2 * 2 * CHANNEL.cylinder_radius)
+
+
+def pressure_difference(system: System) -> float:
+    """Return the pressure (Pa) in front of the cylinder less that behind it."""
+    reach, y = CHANNEL.cylinder_radius + BESIDE, CHANNEL.cylinder_y
+    front, back = (system.domain.value(system.state.components[2], CHANNEL.cylinder_x + s * reach, y) for s in (-1, 1))
+    return float(front - back)
+
+
 def compute(setting: Setting) -> Values:
     """Return the coefficients of drag and lift and the pressure difference."""
-    geometry = refined(CylinderInChannel(), setting["order"], setting["h"])
-    system, domain = at_rest(case_of(geometry, SPEED * 0.41, FLUID, None))
+    geometry = refined(CHANNEL, setting["order"], setting["h"])
+    system, _ = at_rest(case_of(geometry, SPEED * CHANNEL.height, Materials(fluid=FLUID)))
     steady_flow(system, choose_backend("auto"))
-    drag, lift = COEFFICIENT * Force(system, "cylinder")()
-    pressure = system.state.components[2]
-    front, back = (domain.value(pressure, x, 0.2) for x in (0.15 - BESIDE, 0.25 + BESIDE))
-    return {"drag coefficient": drag, "lift coefficient": lift, "pressure difference": front - back}
+    drag, lift = coefficient(SPEED) * Force(system, "cylinder")()
+    return {"drag coefficient": drag, "lift coefficient": lift, "pressure difference": pressure_difference(system)}
 
 
 CASE = Benchmark(

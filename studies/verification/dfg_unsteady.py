@@ -8,23 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from geometry.channel import CylinderInChannel
-from ngfsi.case import TimeStepping
+from ngfsi.case import Materials, TimeStepping
 from ngfsi.curves import FlowConstant
-from ngfsi.materials import Newtonian
 from ngfsi.measure.force import Force
 from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.verify import Benchmark, Reference, Setting, Values
-from studies.verification.dfg_cylinder import BESIDE
+from studies.verification.dfg_cylinder import CHANNEL, FLUID, coefficient, pressure_difference
 from studies.verification.plane import at_rest, case_of, march, refined
 
 Array = NDArray[np.float64]
 
-FLUID = Newtonian(density=1.0, viscosity=1e-3)
 SPEED, END = 1.0, 8.0
 """Largest mean velocity (m/s), at a Reynolds number of 100, and the duration (s) of the half wave."""
-COEFFICIENT = 2 / (FLUID.density * SPEED**2 * 0.1)
 
 
 class HalfWave(FlowConstant):  # type: ignore[valid-type, misc]
@@ -36,19 +32,18 @@ class HalfWave(FlowConstant):  # type: ignore[valid-type, misc]
 
 def compute(setting: Setting) -> Values:
     """Return the largest coefficients of drag and lift, when they occur (s), and the last pressure difference (Pa)."""
-    geometry = refined(CylinderInChannel(), setting["order"], setting["size"])
+    geometry = refined(CHANNEL, setting["order"], setting["size"])
     changes: dict[str, Any] = {
-        "loads.inlet_flow": HalfWave(value=SPEED * 0.41),
+        "loads.inlet_flow": HalfWave(value=SPEED * CHANNEL.height),
         "time": TimeStepping(step=setting["h"], end=setting["end"]),
         "solver.tolerance": 1e-6,
         "solver.compile": setting["end"] / setting["h"] > 500,
     }
-    system, domain = at_rest(case_of(geometry, 0.0, FLUID, None, **changes))
-    force, pressure = Force(system, "cylinder"), system.state.components[2]
+    system, _ = at_rest(case_of(geometry, 0.0, Materials(fluid=FLUID), **changes))
+    force = Force(system, "cylinder")
 
     def measure() -> Array:
-        front, back = (domain.value(pressure, x, 0.2) for x in (0.15 - BESIDE, 0.25 + BESIDE))
-        return np.array([*(COEFFICIENT * force()), front - back])
+        return np.array([*(coefficient(SPEED) * force()), pressure_difference(system)])
 
     times, drag, lift, difference = march(system, Newton(system, choose_backend("auto"), "w", "p"), measure).T
     found: Values = {}

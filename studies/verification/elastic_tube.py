@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +11,14 @@ from scipy.interpolate import CubicSpline
 
 from geometry.segment import MeshSettings
 from geometry.tube import BareTube
-from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
+from ngfsi.case import Materials, TimeStepping
 from ngfsi.curves import PressureConstant
-from ngfsi.domain import Domain
 from ngfsi.materials import Newtonian, SaintVenantKirchhoff
 from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
-from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import TimeLoop
 from ngfsi.verify import Benchmark, Reference, Setting, Values
+from studies.verification.plane import at_rest, case_of
 
 Array = NDArray[np.float64]
 
@@ -55,23 +53,20 @@ def run(setting: Setting) -> Array:
         mesh=MeshSettings(element="mixed", axial_layers=setting["layers"], far_size=5e-3, vein_size=5e-3,
                           lumen_radii=(0.6,), curving_order=order),
     )  # fmt: skip
-    case = Case(
-        name="verification", geometry=geometry, materials=Materials(wall=SOLID, fluid=FLUID),
-        loads=Loads(skin_pressure=PressureConstant(value=0.0), outlet_pressure=PressureConstant(value=0.0),
-                    inlet_pressure=Pulse(value=PRESSURE)),
-        conditions=Conditions(ends="clamped"),
-        discretisation=Discretisation(order=order),
-        time=TimeStepping(step=setting["h"], end=setting["end"]),
-        solver=Solver(compile=setting["end"] / setting["h"] > 100, tolerance=1e-6),
-    )  # fmt: skip
-    system = System(case, Domain.build(geometry))
-    system.set_steady()
+    changes = {
+        "loads.inlet_pressure": Pulse(value=PRESSURE),
+        "time": TimeStepping(step=setting["h"], end=setting["end"]),
+        "solver.compile": setting["end"] / setting["h"] > 100,
+        "solver.tolerance": 1e-6,
+    }
+    case = case_of(geometry, 0.0, Materials(wall=SOLID, fluid=FLUID), **changes)
+    system, _ = at_rest(case)
     newton = Newton(system, choose_backend("auto"))
     field = system.state.components[0]
     # on the interface, a hair inside of the wall
     points = system.domain.on_straight_mesh(np.array([(RADIUS * (1 + 1e-6), 0.0, s * LENGTH) for s in STATIONS]))
     rows = [np.zeros(1 + 2 * len(STATIONS))]
-    for step in TimeLoop(case, system, newton, str, _ignore).run():
+    for step in TimeLoop(case, system, newton).run():
         moved = np.array(field(system.domain.mesh(*points.T)))
         rows.append(np.concatenate([[step.time], moved[:, [0, 2]].ravel()]))
     return np.array(rows)
@@ -94,10 +89,6 @@ def compute(setting: Setting) -> Values:
 def _half_height(times: Array, wave: Array) -> float:
     """Return when a wave first reaches half of its largest value."""
     return float(times[int(np.argmax(wave > wave.max() / 2))])
-
-
-def _ignore(_line: Any) -> None:
-    return None
 
 
 def publish(path: Path, setting: Setting) -> None:

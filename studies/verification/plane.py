@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -10,11 +12,14 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+import geometry
+import ngfsi
+import studies
 from geometry.channel import PlaneSection
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
 from ngfsi.curves import FlowConstant, PressureConstant
 from ngfsi.domain import Domain
-from ngfsi.materials import Newtonian, SolidLaw
+from ngfsi.measure.deformation import Deformation
 from ngfsi.meshing import cache_folder
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
@@ -26,8 +31,8 @@ SAVED_EVERY = 60.0
 """Seconds between two copies of an unfinished computation."""
 
 
-def case_of(geometry: PlaneSection, flow: float, fluid: Newtonian | None, solid: SolidLaw | None, **more: Any) -> Case:
-    """Return the case of a steady flow (m3/s per metre of depth), with the order of the geometry's curving.
+def case_of(geometry: Any, flow: float, materials: Materials, **more: Any) -> Case:
+    """Return the case of a steady flow (m3/s; per metre of depth in the plane), with the order of the curving.
 
     Args:
         more: changes of the case.
@@ -35,14 +40,14 @@ def case_of(geometry: PlaneSection, flow: float, fluid: Newtonian | None, solid:
     return Case(
         name="verification",
         geometry=geometry,
-        materials=Materials(solid=solid, fluid=fluid),
+        materials=materials,
         loads=Loads(
             skin_pressure=PressureConstant(value=0.0),
             inlet_flow=FlowConstant(value=flow),
             outlet_pressure=PressureConstant(value=0.0),
         ),
         conditions=Conditions(ends="clamped"),
-        discretisation=Discretisation(order=geometry.curving_order, mesh_motion="elastic"),
+        discretisation=Discretisation(order=geometry.curving_order),
         time=TimeStepping(step=1.0, end=1.0),
         solver=Solver(compile=False, tolerance=1e-9),
     ).replace(**more)
@@ -60,7 +65,7 @@ def march(system: System, newton: Newton, measure: Callable[[], Array]) -> Array
 
     What was computed is kept beside the cached meshes; a computation that was stopped goes on from there.
     """
-    store = cache_folder().parent / "verification" / f"{system.case.digest[:32]}.npz"
+    store = cache_folder().parent / "verification" / f"{_fingerprint(system)}.npz"
     rows: list[Array] = []
     history = None
     if store.exists():
@@ -68,7 +73,7 @@ def march(system: System, newton: Newton, measure: Callable[[], Array]) -> Array
             rows, history = list(kept["rows"]), History.of(kept)
     else:
         rows.append(np.concatenate([[0.0], measure()]))
-    loop = TimeLoop(system.case, system, newton, lambda: inversion(system), _ignore, history)
+    loop = TimeLoop(system.case, system, newton, Deformation(system).inversion, history=history)
     saved = monotonic()
     for step in loop.run():
         rows.append(np.concatenate([[step.time], measure()]))
@@ -78,17 +83,25 @@ def march(system: System, newton: Newton, measure: Callable[[], Array]) -> Array
             np.savez(partial, rows=np.array(rows), **loop.history.arrays())  # type: ignore[arg-type]
             partial.replace(store)
             saved = monotonic()
+    store.unlink(missing_ok=True)
     return np.array(rows)
 
 
-def inversion(system: System) -> str:
-    """Say that an element of the fluid is turned inside out, or nothing."""
-    domain = system.domain
-    rule = {ng.ET.TRIG: ng.IntegrationRule(ng.ET.TRIG, 2 * system.unknowns.order)}
-    points = domain.mesh.MapToAllElements(rule, domain.materials(*domain.regions))
-    J = ng.Det(ng.Id(2) + ng.Grad(system.state.components[0]))
-    smallest = float(np.min(J(points)))
-    return "" if smallest > 0 else f"elements are turned inside out (smallest det F {smallest:.3g})"
+def _fingerprint(system: System) -> str:
+    """Return a name for a computation: another case, system or program has another one."""
+    found = sha256(f"{type(system).__qualname__} {system.case!r}".encode())
+    for package in (ngfsi, geometry, studies):
+        for path in sorted(Path(package.__path__[0]).rglob("*.py")):
+            found.update(path.read_bytes())
+    return found.hexdigest()[:32]
+
+
+def body_force(system: System, force: Any) -> ng.Parameter:
+    """Load all of a system with a force (vector, N/m3) per reference volume; return the share of it that acts."""
+    share = ng.Parameter(1.0)
+    test = system.unknowns.space.TestFunction()[0]
+    system.form += -share * (force * test) * system.domain.dx(*system.domain.regions)
+    return share
 
 
 def at_rest(case: Case) -> tuple[System, Domain]:
@@ -98,7 +111,3 @@ def at_rest(case: Case) -> tuple[System, Domain]:
     system.set_steady()
     system.set_loads(0.0)
     return system, domain
-
-
-def _ignore(_line: Any) -> None:
-    return None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.channel import BeamInChannel, PlaneSection
-from ngfsi.case import Case, TimeStepping
+from ngfsi.case import Case, Materials, TimeStepping
 from ngfsi.curves import FlowSmoothRamp
 from ngfsi.materials import Newtonian, SaintVenantKirchhoff
 from ngfsi.measure.force import Force
@@ -56,7 +56,9 @@ DATA = {
 
 def flow_case(name: str, geometry: PlaneSection, **more: Any) -> Case:
     """Return the case of a benchmark with a fluid."""
-    return case_of(geometry, DATA[name].speed * HEIGHT, FLUID, DATA[name].beam, **more)
+    materials = Materials(solid=DATA[name].beam, fluid=FLUID)
+    changes = {"discretisation.mesh_motion": "elastic", **more}
+    return case_of(geometry, DATA[name].speed * HEIGHT, materials, **changes)
 
 
 def rising_case(name: str, geometry: PlaneSection, step: float, end: float, **more: Any) -> Case:

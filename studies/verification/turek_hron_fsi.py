@@ -31,7 +31,7 @@ def compute(setting: Setting) -> Values:
     if name != "FSI1":
         return _periodic(rising_case(name, geometry, setting["step"], setting["end"]))
     system, _ = at_rest(flow_case(name, geometry))
-    initial_state(system, Newton(system, choose_backend("auto")), lambda _: None)
+    initial_state(system, Newton(system, choose_backend("auto")))
     return dict(zip(("ux", "uy", "drag", "lift"), (*tip_motion(system), *force_on_obstacle(system)()), strict=True))
 
 

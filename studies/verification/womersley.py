@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +87,7 @@ def compute(setting: Setting) -> Values:
     found.apply_inflow()
     newton, wall = Newton(found, choose_backend("auto"), "w", "p"), Wall(found)
     errors = []
-    for step in TimeLoop(found.case, found, newton, str, _ignore).run():
+    for step in TimeLoop(found.case, found, newton).run():
         wall.refresh()
         axial = ng.Integrate(wall.shear[2] * domain.ds("interface"), domain.mesh) / domain.area("interface")
         # the normal of the interface, and with it the sign, is that of the mesh
@@ -100,10 +98,6 @@ def compute(setting: Setting) -> Values:
         "mean wall shear, largest error over amplitude": float(max(errors) / amplitude),
         "velocity after a period, L2 error": relative_error(velocity, exact, domain, "fluid"),
     }
-
-
-def _ignore(_line: Any) -> None:
-    return None
 
 
 CASE = Benchmark(

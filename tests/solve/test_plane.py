@@ -9,56 +9,41 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-from geometry.channel import Beam, BeamInChannel, CylinderInChannel, PlaneMesh
+from geometry.channel import Beam, BeamInChannel, CylinderInChannel, CylinderMesh
 from geometry.segment import MeshSettings
 from geometry.tube import BareTube
 from ngfsi.case import Case, Materials
-from ngfsi.domain import Domain
 from ngfsi.errors import CaseError, GeometryError, RegionError
 from ngfsi.materials import CompressibleNeoHookean, Newtonian
-from ngfsi.meshing import MeshReport, quiet
 from ngfsi.run import run
 from ngfsi.solve.system import System
 from ngfsi.solve.unknowns import Unknowns
 from studies.verification.plane import case_of
-from tests.slopes import difference
-from tests.vein import randomise, rows
+from tests.vein import column_slope, domain_of, randomise, rows
 
 BEAM = CompressibleNeoHookean(young=30e3, poisson=0.3, density=1060.0)
 FLUID = Newtonian(density=1060.0, viscosity=3.5e-3)
-COARSE = PlaneMesh(far_size=0.4, cylinder_size=0.1, beam_size=0.2, corner_size=0.02, curving_order=2, grading=0.9)
-
-
-def domain_of(geometry: Any) -> Domain:
-    """Mesh a geometry without the guarded process."""
-    with quiet():
-        return Domain(ng.Mesh(geometry.netgen_mesh()), geometry, MeshReport("direct", (), 0.0))
+COARSE = CylinderMesh(far_size=0.4, cylinder_size=0.1, beam_size=0.2, corner_size=0.02, curving_order=2, grading=0.9)
 
 
 def case_with(geometry: Any, **more: Any) -> Case:
     """Return a case with whatever the geometry has."""
-    return case_of(geometry, 0.1, FLUID if geometry.fluid else None, BEAM if geometry.solids else None, **more)
+    materials = Materials(solid=BEAM if geometry.solids else None, fluid=FLUID if geometry.fluid else None)
+    return case_of(geometry, 0.1, materials, **more)
 
 
 @pytest.fixture(scope="module", params=["harmonic", "elastic"])
 def lively(request: pytest.FixtureRequest) -> System:
-    """A random state, linearised there."""
+    """A random state."""
     geometry = BeamInChannel(mesh=COARSE)
     system = System(case_with(geometry, **{"discretisation.mesh_motion": request.param}), domain_of(geometry))
     randomise(system)
-    system.form.AssembleLinearization(system.state.vec)
     return system
 
 
 @pytest.mark.parametrize(("column", "step"), [("d", 1e-6), ("w", 1e-5), ("p", 10.0), ("e", 1e-6)])
 def test_jacobian_by_differences(lively: System, column: str, step: float) -> None:
-    part = lively.unknowns.blocks[column]
-    direction = np.zeros(lively.unknowns.size)
-    direction[part] = np.random.default_rng(2).standard_normal(len(part))
-    vector, product = lively.state.vec.CreateVector(), lively.state.vec.CreateVector()
-    vector.FV().NumPy()[:] = direction
-    product.data = lively.form.mat * vector
-    exact, measured = np.array(product.FV().NumPy()), difference(lively.form, lively.state.vec, direction, step)
+    exact, measured = column_slope(lively, column, step)
     for row in lively.unknowns.blocks:
         a, b = rows(lively, row, exact), rows(lively, row, measured)
         assert np.linalg.norm(a - b) <= 1e-7 * np.linalg.norm(a), (row, column)

@@ -288,7 +288,7 @@ def test_order_in_time(oozing: tuple[System, Newton], scheme: str, order: float)
         system.values[:] = start
         system.case = system.case.replace(**{"time.scheme": scheme, "time.step": step})
         newton = Newton(system, choose_backend("auto"))
-        for _ in TimeLoop(system.case, system, newton, lambda: "", lambda _: None).run():
+        for _ in TimeLoop(system.case, system, newton).run():
             pass
         J = ng.Det(ng.Id(3) + system.fields(system.state.components).grad_motion)
         areas.append(ng.Integrate(J * system.domain.dx("fluid"), system.domain.mesh))

@@ -13,7 +13,7 @@ from ngfsi.physics import terms
 from ngfsi.solve.system import System
 from ngfsi.solve.unknowns import BLOCKS
 from tests.slopes import apply, difference
-from tests.vein import block, case_of, deformed, position, randomise, rows, system_of
+from tests.vein import block, case_of, column_slope, deformed, position, randomise, rows, system_of
 
 Array = NDArray[np.float64]
 
@@ -26,26 +26,18 @@ INDEPENDENT = {("p", "p"), ("e", "w"), ("e", "p")}
 
 @pytest.fixture(scope="module", params=["preload", "prestress"])
 def lively(request: pytest.FixtureRequest) -> System:
-    """A random state, linearised there; for prestress with a random stress-free shape."""
+    """A random state; for prestress with a random stress-free shape."""
     system = system_of(case_of(**{"conditions.initial_state": request.param}))
     randomise(system)
     if system.relaxation is not None:
         values = system.relaxation.vec.FV().NumPy()
         values[:] = 1.5e-4 * np.random.default_rng(8).standard_normal(len(values))
-    system.form.AssembleLinearization(system.state.vec)
     return system
 
 
 @pytest.mark.parametrize("column", BLOCKS)
 def test_jacobian_by_differences(lively: System, column: str) -> None:
-    part = lively.unknowns.blocks[column]
-    direction = np.zeros(lively.unknowns.size)
-    direction[part] = np.random.default_rng(2).standard_normal(len(part))
-    vector, product = lively.state.vec.CreateVector(), lively.state.vec.CreateVector()
-    vector.FV().NumPy()[:] = direction
-    product.data = lively.form.mat * vector
-    exact = np.array(product.FV().NumPy())
-    measured = difference(lively.form, lively.state.vec, direction, STEP[column])
+    exact, measured = column_slope(lively, column, STEP[column])
     for row in BLOCKS:
         a, b = rows(lively, row, exact), rows(lively, row, measured)
         assert np.linalg.norm(a - b) <= 1e-7 * np.linalg.norm(a), (row, column)

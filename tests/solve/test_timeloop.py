@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -207,6 +208,26 @@ def test_an_unacceptable_state_is_a_failed_step() -> None:
     outcome = run(0.25, RAMP, end=1.0, inspect=lambda: next(complaints))
     assert outcome.sizes == pytest.approx([0.25, 0.25, 0.125, 0.125, 0.25], rel=1e-9)
     assert "turned inside out" in outcome.lines[0]
+
+
+def test_a_stored_history_goes_on_as_if_never_stopped(tmp_path: Path) -> None:
+    """Stopped before and after a kink of the load, stored on disk: the same times and values to the last bit."""
+
+    def loop(history: History | None = None) -> tuple[TimeLoop, Scalar]:
+        case = case_of(**{"time.step": 0.1, "time.end": 1.1, "loads.skin_pressure": OFF})
+        system = Scalar(case)
+        return TimeLoop(case, system, Fake(system, never), history=history), system  # type: ignore[arg-type]
+
+    whole, system = loop()
+    wanted = [(step.time, float(system.values[0])) for step in whole.run()]
+    for stopped_after in (1, 3, 8):
+        first, _ = loop()
+        for _ in zip(range(stopped_after), first.run(), strict=False):
+            pass
+        np.savez(tmp_path / "history.npz", **first.history.arrays())
+        with np.load(tmp_path / "history.npz", allow_pickle=False) as stored:
+            second, system = loop(History.of(stored))
+        assert [(step.time, float(system.values[0])) for step in second.run()] == wanted[stopped_after:]
 
 
 def test_giving_up() -> None:
