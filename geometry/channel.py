@@ -1,17 +1,22 @@
-"""Plane channels: straight, between elastic walls, and around a cylinder with and without an elastic beam behind it.
+"""Channels: straight, between elastic walls, and around a cylinder with and without an elastic beam behind it.
 
-Axes: x along the channel, y across it; everything is 1 m deep. The dimensions of cylinder and beam are those of Turek
-and Hron, "Proposal for numerical benchmarking of fluid-structure interaction ...", LNCSE 53 (2006).
+Axes: x along the channel, y across it; all but the duct are plane, and 1 m deep. The dimensions of cylinder
+and beam are those of Turek and Hron, "Proposal for numerical benchmarking of fluid-structure interaction ...", LNCSE 53
+(2006).
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from math import asin, hypot, pi, sqrt
 from typing import Any, ClassVar
 
+import numpy as np
 from netgen.occ import Glue, MoveTo, OCCGeometry, X, Y
 from pydantic import Field, model_validator
 
+from geometry.extrusion import extrude, layer_heights
+from geometry.plane import Circle, Ring, SectionMesh, Side, counter_clockwise
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.section import Section
 from ngfsi.units import Length
@@ -225,6 +230,49 @@ class CylinderInChannel(CylinderSection):
 
     def _channel(self) -> Any:
         return strip("fluid", self.length, 0.0, self.height, ("inlet", "outlet", "walls"))
+
+
+class CylinderInDuct(CylinderInChannel):
+    """A channel as deep as high, between four walls, crossed by a cylinder; z is the depth.
+
+    Of prisms: in tetrahedra with three faces on walls, as they occur in corners, the pressure is undetermined.
+    """
+
+    layers: int = Field(6, ge=1, description="number of element layers along the cylinder")
+    end_refinement: float = Field(3.0, ge=1, le=20, description="how much thinner they are at the walls than between")
+
+    length: Length = Field(2.5, gt=0, description="length of the duct; that of Schaefer and Turek (1996)")
+    cylinder_x: Length = Field(0.5, description="distance of the cylinder's axis from the inlet")
+
+    def inflow(self) -> Any:
+        """Return the product of two parabolas, of unit mean."""
+        from ngsolve import CF, z
+
+        across = super().inflow()[0]
+        return CF((across * 6 * z * (self.height - z) / self.height**2, 0, 0))
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region."""
+        return {name: self.height * area for name, area in super().exact_volumes().items()}
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:
+        """Return the straight Netgen mesh [m] with its geometry and names."""
+        plane = super().netgen_mesh(attempt)
+        points = np.array([point.p[:2] for point in plane.Points()])
+        triangles = np.array([[v.nr - 1 for v in t.vertices] for t in plane.Elements2D()], dtype=np.int32)
+        parts = defaultdict(list)
+        for edge in plane.Elements1D():
+            begin, end = (v.nr - 1 for v in edge.vertices)
+            name = plane.GetBCName(edge.index - 1)
+            parts[name if name == "cylinder" else (name, edge.index)].append((begin, end))
+        circle = Circle("cylinder", self.cylinder_x, self.cylinder_y, self.cylinder_radius)
+        around = np.unique(parts.pop("cylinder")).astype(np.int32)
+        ring = Ring(circle, around[np.argsort(circle.angles(points[around]))], None, "fluid")
+        sides = [Side(name, np.array(edges, dtype=np.int32), "fluid") for (name, _), edges in parts.items()]
+        cells = [("fluid", counter_clockwise(points, triangles))]
+        section = SectionMesh(points, cells, [ring], sides)
+        heights = layer_heights(self.height, self.layers, self.end_refinement)
+        return extrude(section, heights, {"fluid": ("walls", "walls")}, split=False)
 
 
 class Beam(CylinderSection):

@@ -45,11 +45,19 @@ def extrude(section: SectionMesh, heights: Points, ends: Mapping[str, tuple[str,
         if ring.inside is None:
             sides, faces = sides[::-1], faces[:, ::-1]
         _add_face(mesh, ring.circle.name, surface, sides, [faces])
+    for surface, side in enumerate(section.sides, start=2 + len(section.rings)):
+        faces = np.vstack([_raise_edges(side.edges, k, plane, split) for k in range(layers)])
+        _add_face(mesh, side.name, surface, (domains[side.material], 0), [faces])
     for name, cell in section.cells:
         mesh.SetMaterial(domains[name], name)
         bodies = np.vstack([_raise_cells(cell, k, plane, split) for k in range(layers)])
         mesh.AddElements(dim=3, index=domains[name], data=np.ascontiguousarray(bodies), base=0)
-    mesh.SetGeometry(csg_surfaces([ring.circle for ring in section.rings], float(heights[-1])))
+    geometry = csg_surfaces([ring.circle for ring in section.rings], float(heights[-1]))
+    for side in section.sides:
+        begin, end = section.points[side.edges[0]]
+        outwards = csg.Vec(end[1] - begin[1], begin[0] - end[0], 0)
+        geometry.Add(csg.Plane(csg.Pnt(*begin, 0), outwards))
+    mesh.SetGeometry(geometry)
     return mesh
 
 

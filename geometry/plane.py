@@ -52,6 +52,15 @@ class Ring:
 
 
 @dataclass(frozen=True)
+class Side:
+    """A straight, named side of a section: its edges (m, 2), the material to the left of them and none to the right."""
+
+    name: str
+    edges: Indices
+    material: str
+
+
+@dataclass(frozen=True)
 class SectionMesh:
     """A meshed section.
 
@@ -59,11 +68,13 @@ class SectionMesh:
         points: shape (n, 2) [m].
         cells: pairs of material and counter-clockwise triangles (m, 3) or quadrilaterals (m, 4).
         rings: the circles, from the skin inwards.
+        sides: straight parts of the outline.
     """
 
     points: Points
     cells: list[tuple[str, Indices]]
     rings: list[Ring]
+    sides: Sequence[Side] = ()
 
 
 def even_angles(segments: int) -> Points:

@@ -6,11 +6,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ngfsi import cli
 from ngfsi.errors import OutputError
-from ngfsi.verify import Benchmark, Reference, Result, Setting, VerificationError
+from ngfsi.verify import Benchmark, Reference, Result, Setting, Signals, VerificationError
 from ngfsi.verify import engine as verify
 from ngfsi.verify.page import FOLDER, write_page
 
@@ -89,8 +90,9 @@ def test_a_quantity_that_is_not_computed() -> None:
 
 def test_page(tmp_path: Path) -> None:
     for name, module in (("one", fake()), ("two", fake(value=6.0))):
-        verify.verify(name, module, "ci").write(tmp_path / FOLDER)
-    assert Result.read(tmp_path / FOLDER / "one.json") == Result.read(tmp_path / FOLDER / "one.json")
+        result = verify.verify(name, module, "ci")
+        result.write(tmp_path / FOLDER)
+        assert Result.read(tmp_path / FOLDER / f"{name}.json") == result
     text = write_page(tmp_path).read_text()
     assert "1 of 2 benchmarks pass." in text
     assert "| drag | 6 N | 5 N | 2.0e-01 | 1.0e-02 | 0.00 | - | **fail** |" in text
@@ -99,6 +101,21 @@ def test_page(tmp_path: Path) -> None:
     assert (tmp_path / FOLDER / "one.png").stat().st_size > 10_000
     assert "Sources: a book; a paper" in text
     assert "**Not verified:** Obstacles in three" in text
+
+
+def test_signals(tmp_path: Path) -> None:
+    """Of the finest computation, as table and picture."""
+
+    def compute(setting: Setting) -> tuple[dict[str, float], Signals]:
+        return {"drag": 5.0}, Signals(("time_s", "drag_n"), np.array([[0.0, 5.0], [setting["h"], 5.5]]))
+
+    module = fake()
+    module.CASE, module.REFERENCES = Benchmark("A fake", "nothing", "itself", compute), module.REFERENCES[:1]
+    verify.verify("swing", module, "ci").write(tmp_path / FOLDER)
+    assert (tmp_path / FOLDER / "swing-k-2.csv").read_text() == "time_s,drag_n\n0,5\n0.5,5.5\n"
+    text = write_page(tmp_path).read_text()
+    assert "![k = 2 over time](verification/swing-k-2.png)" in text
+    assert (tmp_path / FOLDER / "swing-k-2.png").stat().st_size > 10_000
 
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -150,6 +150,16 @@ def convergence(panels: Mapping[str, Sequence[Convergence]], path: Path) -> None
     figure.savefig(path)
 
 
+def signals_over_time(columns: Sequence[str], rows: Array, path: Path) -> None:
+    """Draw each column over the first, the time, in a panel of its own."""
+    figure, spaces, _ = _panels(len(columns) - 1, 2, (5.2, 2.6), (0.0, 0.0))
+    for panel, name, values in zip(spaces, columns[1:], rows.T[1:], strict=False):
+        panel.plot(rows[:, 0], values, color=COLOURS[0], linewidth=1)
+        panel.set_ylabel(name)
+        panel.set_xlabel(columns[0])
+    figure.savefig(path)
+
+
 def _outline_panel(panel: Axes, group: Group, times: tuple[float, float]) -> None:
     before, after = (_middle_ring(group.run, time) for time in times)
     for (time, ring), colour in ((before, QUIET), (after, group.colour)):

@@ -8,8 +8,9 @@ held against the references, and the last two give the observed order of converg
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from importlib import import_module
 from math import log
 from pathlib import Path
@@ -17,6 +18,9 @@ from pkgutil import iter_modules
 from time import perf_counter
 from types import ModuleType
 from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ngfsi.errors import NgfsiError, OutputError, unknown
 
@@ -36,6 +40,29 @@ class VerificationError(NgfsiError):
 
 
 @dataclass(frozen=True)
+class Signals:
+    """What a computation recorded over time.
+
+    Attributes:
+        columns: names with units, the first `time_s`.
+        rows: shape (n, columns).
+    """
+
+    columns: tuple[str, ...]
+    rows: NDArray[np.float64]
+
+    def write(self, path: Path) -> None:
+        """Store as CSV."""
+        np.savetxt(path, self.rows, delimiter=",", header=",".join(self.columns), comments="", fmt="%.6g")
+
+    @classmethod
+    def read(cls, path: Path) -> Signals:
+        """Return stored signals."""
+        with path.open(encoding="utf-8") as file:
+            return cls(tuple(file.readline().strip().split(",")), np.loadtxt(file, delimiter=",", ndmin=2))
+
+
+@dataclass(frozen=True)
 class Benchmark:
     """What is computed.
 
@@ -43,13 +70,13 @@ class Benchmark:
         title: of table and page.
         solves: what is solved, and with which part of ngfsi.
         exact: what it is held against.
-        compute: setting -> quantities, in the units of the references.
+        compute: setting -> quantities, in the units of the references, and signals if there are any to show.
     """
 
     title: str
     solves: str
     exact: str
-    compute: Callable[[Setting], Values]
+    compute: Callable[[Setting], Values | tuple[Values, Signals]]
 
 
 @dataclass(frozen=True)
@@ -115,6 +142,8 @@ class Result:
     exact: str
     seconds: float
     rows: tuple[Row, ...]
+    signals: Mapping[str, Signals] = field(default_factory=dict, compare=False)
+    """Of the finest computation of each series that has any."""
 
     @property
     def passed(self) -> bool:
@@ -122,16 +151,25 @@ class Result:
         return all(row.passed for row in self.rows)
 
     def write(self, folder: Path) -> None:
-        """Store the result as JSON."""
+        """Store the result as JSON, and signals as CSV."""
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{self.name}.json").write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+        for series, signals in self.signals.items():
+            signals.write(self.file(folder, series, "csv"))
+        data = asdict(replace(self, signals={})) | {"signals": list(self.signals)}
+        (folder / f"{self.name}.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+    def file(self, folder: Path, series: str, ending: str) -> Path:
+        """Return the path of a series' signals or their figure."""
+        return folder / f"{self.name}-{re.sub('[^a-z0-9]+', '-', series.lower())}.{ending}"
 
     @classmethod
     def read(cls, path: Path) -> Result:
         """Return a stored result."""
         data = json.loads(path.read_text(encoding="utf-8"))
         rows = (Row(**row | {key: tuple(row[key]) for key in ("sizes", "errors")}) for row in data.pop("rows"))
-        return cls(**data, rows=tuple(rows))
+        series = data.pop("signals")
+        result = cls(**data, rows=tuple(rows))
+        return replace(result, signals={one: Signals.read(result.file(path.parent, one, "csv")) for one in series})
 
 
 def benchmarks() -> dict[str, ModuleType]:
@@ -179,18 +217,21 @@ def verify(name: str, module: ModuleType, level: str, say: Callable[[str], None]
     """
     case: Benchmark = module.CASE
     levels: Levels = module.LEVELS
-    started, rows = perf_counter(), []
+    started, rows, signals = perf_counter(), [], {}
     for series, settings in levels[level].items():
         computed = []
         for setting in settings:
             say(f"{name}, {series}: {', '.join(f'{key} {value}' for key, value in setting.items())}")
             try:
-                computed.append(case.compute(setting))
+                found = case.compute(setting)
             except NgfsiError as error:
                 raise VerificationError(f"benchmark '{name}', {series}, {dict(setting)}: {error}") from error
+            if isinstance(found, tuple):
+                found, signals[series] = found
+            computed.append(found)
         sizes = tuple(float(setting.get("h", 0)) for setting in settings)
         rows += [_row(reference, series, sizes, computed) for reference in module.REFERENCES if reference.holds(series)]
-    return Result(name, level, case.title, case.solves, case.exact, perf_counter() - started, tuple(rows))
+    return Result(name, level, case.title, case.solves, case.exact, perf_counter() - started, tuple(rows), signals)
 
 
 def _row(reference: Reference, series: str, sizes: tuple[float, ...], computed: Sequence[Values]) -> Row:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from ngfsi.output.figures import Convergence, convergence
+from ngfsi.output.figures import Convergence, convergence, signals_over_time
 from ngfsi.output.provenance import versions
 from ngfsi.output.table import explained
 from ngfsi.study import markdown_table
@@ -68,14 +68,17 @@ def _section(result: Result) -> str:
         f"{series}\n\n{markdown_table(HEAD, [_cells(row) for row in rows])}" for series, rows in by_series.items()
     ]
     sources = dict.fromkeys(row.source for row in result.rows)
-    figure = f"![Convergence]({FOLDER}/{result.name}.png)\n" if _curves(result) else ""
+    figures = [f"![Convergence]({FOLDER}/{result.name}.png)\n"] if _curves(result) else []
+    for series in result.signals:
+        picture, values = (result.file(Path(FOLDER), series, ending).as_posix() for ending in ("png", "csv"))
+        figures.append(f"![{series} over time]({picture})\n\n[Values of {series} over time]({values})\n")
     return "\n".join(
         (
             f"## {result.title}\n",
             f"**Solved:** {result.solves}\n",
             f"**Held against:** {result.exact}\n",
             *tables,
-            figure,
+            *figures,
             "Sources: " + "; ".join(sources) + "\n",
         )
     )
@@ -107,6 +110,8 @@ def _curves(result: Result) -> dict[str, list[Convergence]]:
 def _draw(result: Result, folder: Path) -> None:
     if panels := _curves(result):
         convergence(panels, folder / f"{result.name}.png")
+    for series, signals in result.signals.items():
+        signals_over_time(signals.columns, signals.rows, result.file(folder, series, "png"))
 
 
 def terminal_table(results: Iterable[Result]) -> Table:

@@ -13,7 +13,7 @@ from ngfsi.curves import FlowConstant
 from ngfsi.measure.force import Force
 from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
-from ngfsi.verify import Benchmark, Reference, Setting, Values
+from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
 from studies.verification.dfg_cylinder import CHANNEL, FLUID, coefficient, pressure_difference
 from studies.verification.plane import at_rest, case_of, march, refined
 
@@ -30,7 +30,7 @@ class HalfWave(FlowConstant):  # type: ignore[valid-type, misc]
         return float(self.value) * float(np.sin(np.pi * t / END))
 
 
-def compute(setting: Setting) -> Values:
+def compute(setting: Setting) -> tuple[Values, Signals]:
     """Return the largest coefficients of drag and lift, when they occur (s), and the last pressure difference (Pa)."""
     geometry = refined(CHANNEL, setting["order"], setting["size"])
     changes: dict[str, Any] = {
@@ -45,13 +45,15 @@ def compute(setting: Setting) -> Values:
     def measure() -> Array:
         return np.array([*(coefficient(SPEED) * force()), pressure_difference(system)])
 
-    times, drag, lift, difference = march(system, Newton(system, choose_backend("auto"), "w", "p"), measure).T
+    rows = march(system, Newton(system, choose_backend("auto"), "w", "p"), measure)
+    times, drag, lift, difference = rows.T
     found: Values = {}
     for name, values in (("drag coefficient", drag), ("lift coefficient", lift)):
         spline = CubicSpline(times, values)
         at = max((t for t in spline.derivative().roots(extrapolate=False) if times[2] < t < times[-1]), key=spline)
         found |= {f"{name}, largest": float(spline(at)), f"{name}, time of the largest": float(at)}
-    return found | {"pressure difference at the end": float(difference[-1])}
+    columns = ("time_s", "drag_coefficient", "lift_coefficient", "pressure_difference_pa")
+    return found | {"pressure difference at the end": float(difference[-1])}, Signals(columns, rows)
 
 
 CASE = Benchmark(

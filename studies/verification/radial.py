@@ -1,25 +1,30 @@
-"""Thick-walled cylinders in plane strain under pressure, by quadrature of the radial equilibrium: no finite elements.
+"""Thick-walled cylinders in plane strain under pressure, by the radial equilibrium: no finite elements.
 
 With r(R) the deformed radius, the stretches are l_r = r', l_t = r/R, l_z = 1, and the first Piola-Kirchhoff stresses
 P_i = dW/dl_i of the energy in principal stretches, written out here law by law. Equilibrium is dP_r/dR = (P_t - P_r)/R;
-a pressure p acts as P_r = -p r/R.
+a pressure p acts as P_r = -p r/R. The two-point boundary value problem is solved by scipy's collocation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from scipy.integrate import solve_bvp
 
 from ngfsi.materials import CompressibleNeoHookean, MooneyRivlin, NeoHookean, SaintVenantKirchhoff, SolidLaw
+from ngfsi.verify import VerificationError
 
 Array = NDArray[np.float64]
 Stress = Callable[[Array], Array]
-"""Principal stresses P_i of the principal stretches l_i."""
+"""Principal stresses P_i of the principal stretches l_i, both of shape (3, n)."""
+SHARES = (0.25, 0.5, 0.75, 1.0)
+"""Of the pressures, in turn: collocation starts from the solution before."""
+TOLERANCE = 1e-9
+"""Of the relative residuals."""
 
 
 def stress_of(law: SolidLaw) -> Stress:
@@ -49,7 +54,7 @@ def _neo_hookean(law: NeoHookean) -> Stress:
 
 def _compressible_neo_hookean(law: CompressibleNeoHookean) -> Stress:
     lam, mu = _lame(law.young, law.poisson)
-    return lambda stretch: mu * (stretch - 1 / stretch) + lam * np.log(np.prod(stretch)) / stretch
+    return lambda stretch: mu * (stretch - 1 / stretch) + lam * np.log(np.prod(stretch, axis=0)) / stretch
 
 
 def _saint_venant_kirchhoff(law: SaintVenantKirchhoff) -> Stress:
@@ -57,16 +62,16 @@ def _saint_venant_kirchhoff(law: SaintVenantKirchhoff) -> Stress:
 
     def stress(stretch: Array) -> Array:
         strain = (stretch**2 - 1) / 2
-        return stretch * (lam * np.sum(strain) + 2 * mu * strain)
+        return np.asarray(stretch * (lam * np.sum(strain, axis=0) + 2 * mu * strain))
 
     return stress
 
 
-def _isochoric(stretch: Array) -> tuple[float, float, float, Array, Array]:
+def _isochoric(stretch: Array) -> tuple[Array, Array, Array, Array, Array]:
     """J, the isochoric invariants, and their derivatives by the stretches."""
-    J, squares = float(np.prod(stretch)), stretch**2
-    I1 = float(np.sum(squares))
-    I2 = float((I1**2 - np.sum(squares**2)) / 2)
+    J, squares = np.prod(stretch, axis=0), stretch**2
+    I1 = np.sum(squares, axis=0)
+    I2 = (I1**2 - np.sum(squares**2, axis=0)) / 2
     slope1 = J ** (-2 / 3) * (2 * stretch - 2 * I1 / (3 * stretch))
     slope2 = J ** (-4 / 3) * (2 * stretch * (I1 - squares) - 4 * I2 / (3 * stretch))
     return J, J ** (-2 / 3) * I1, J ** (-4 / 3) * I2, slope1, slope2
@@ -92,74 +97,84 @@ class Layer:
     outer: float
 
 
-def inner_displacement(inner: float, layers: list[Layer], inside: float, outside: float = 0.0) -> float:
-    """Return the radial displacement (m) of the inner face under pressures (Pa) inside and outside, by shooting."""
+def inner_displacement(inner: float, layers: Sequence[Layer], inside: float, outside: float = 0.0) -> float:
+    """Return the radial displacement (m) of the inner face under pressures (Pa) inside and outside."""
+    begins = np.array([inner, *(layer.outer for layer in layers[:-1])])
+    widths = np.array([layer.outer for layer in layers]) - begins
+    stresses = [stress_of(layer.law) for layer in layers]
 
-    def surplus(deformed: float) -> float:
-        r, P, start = deformed, -inside * deformed / inner, inner
-        for layer in layers:
-            r, P = _march(stress_of(layer.law), start, layer.outer, r, P)
-            start = layer.outer
-        return P + outside * r / start
+    def slope(s: Array, y: Array) -> Array:
+        """Of r and P in each layer, over the share s of its thickness."""
+        slopes = []
+        for stress, begin, width, r, P in zip(stresses, begins, widths, y[::2], y[1::2], strict=True):
+            along, slope_of_P = _equilibrium(stress, begin + s * width, r, P)
+            slopes += [width * along, width * slope_of_P]
+        return np.array(slopes)
 
-    low, high = _bracket(surplus, inner)
-    return float(brentq(surplus, low, high, xtol=1e-15, rtol=1e-13)) - inner
+    def surplus(share: float) -> Callable[[Array, Array], Array]:
+        def of_ends(first: Array, last: Array) -> Array:
+            pressed = (
+                first[1] + share * inside * first[0] / inner,
+                last[-1] + share * outside * last[-2] / layers[-1].outer,
+            )
+            return np.array([*pressed, *(first[2:] - last[:-2])])
+
+        return of_ends
+
+    s = np.linspace(0, 1, 21)
+    y = np.vstack([row for b, w in zip(begins, widths, strict=True) for row in (b + s * w, np.zeros_like(s))])
+    for share in SHARES:
+        s, y = _solved(slope, surplus(share), s, y)
+    return float(y[0, 0] - inner)
 
 
 def stress_free_radius(law: SolidLaw, inner: float, outer: float, inside: float) -> float:
-    """Return the inner radius (m) of the unloaded ring of one law that a pressure inside inflates to the given one."""
+    """Return the inner radius (m) of the unloaded ring of one law that a pressure inflates to the given radii."""
+    stress = stress_of(law)
 
-    def end(free: float) -> float:
-        P = -inside * inner / free
-        return _march(stress_of(law), free, np.inf, inner, P, until=outer)[1]
+    def slope(r: Array, y: Array) -> Array:
+        """Of R and P, over the deformed radius."""
+        along, slope_of_P = _equilibrium(stress, y[0], r, y[1])
+        return np.array([1 / along, slope_of_P / along])
 
-    return float(brentq(end, 0.7 * inner, inner, xtol=1e-15, rtol=1e-12))
+    r = np.linspace(inner, outer, 21)
+    y = np.vstack([r, np.zeros_like(r)])
+    for share in SHARES:
+        pressure = share * inside
 
+        def surplus(first: Array, last: Array, pressure: float = pressure) -> Array:
+            return np.array([first[1] + pressure * inner / first[0], last[1]])
 
-def _march(stress: Stress, start: float, end: float, r: float, P: float, until: float = np.inf) -> tuple[float, float]:
-    """Carry deformed radius and radial stress through a ring, to a reference radius or until a deformed one."""
-
-    def slope(R: float, y: Array) -> list[float]:
-        around = y[0] / R
-        along = _radial_stretch(stress, around, y[1])
-        return [along, (stress(np.array([along, around, 1.0]))[1] - y[1]) / R]
-
-    def arrived(_R: float, y: Array) -> float:
-        return float(y[0] - until)
-
-    arrived.terminal = True  # type: ignore[attr-defined]
-    finite = {"t_span": (start, min(end, 3 * until)), "events": arrived if np.isfinite(until) else None}
-    result = solve_ivp(slope, y0=[r, P], rtol=1e-9, atol=[1e-14, 1e-8], **finite)
-    return float(result.y[0, -1]), float(result.y[1, -1])
+        r, y = _solved(slope, surplus, r, y)
+    return float(y[0, 0])
 
 
-def _radial_stretch(stress: Stress, around: float, P: float) -> float:
-    """The radial stretch at which a ring element carries the radial stress P, by Newton from no change of volume."""
+def _solved(slope: Any, surplus: Any, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return nodes and values of the solution of a boundary value problem near y(x)."""
+    result = solve_bvp(slope, surplus, x, y, tol=TOLERANCE, max_nodes=20_000)
+    if not result.success:
+        raise VerificationError(f"the radial equilibrium was not solved: {result.message}")
+    return result.x, result.y
+
+
+def _equilibrium(stress: Stress, R: Array, r: Array, P: Array) -> tuple[Array, Array]:
+    """Return dr/dR, the radial stretch that carries the radial stress P, and dP/dR.
+
+    The stretch is found by Newton's method from no change of volume.
+    """
+    around, axial = r / R, np.ones_like(r)
     along = 1 / around
+
+    def radial(stretch: Array) -> Array:
+        return np.asarray(stress(np.array([stretch, around, axial]))[0])
+
     for _ in range(50):
-        value = stress(np.array([along, around, 1.0]))[0] - P
         h = 1e-6 * along
-        tangent = (stress(np.array([along + h, around, 1.0]))[0] - stress(np.array([along - h, around, 1.0]))[0]) / (
-            2 * h
-        )
-        change = value / tangent
-        along -= change
-        if abs(change) < 1e-13 * along:
-            return float(along)
-    raise ValueError(f"no radial stretch carries {P} Pa at a hoop stretch of {around}")
-
-
-def _bracket(f: Callable[[float], float], inner: float) -> tuple[float, float]:
-    """Deformed inner radii around the solution, found from the rest state outwards."""
-    at_rest = f(inner)
-    step = 1e-4 * inner * (1 if at_rest < 0 else -1)
-    near = inner
-    for _ in range(60):
-        far = near + step
-        if f(far) * at_rest <= 0:
-            return min(near, far), max(near, far)
-        near, step = far, 1.5 * step
-    raise ValueError("no deformed radius found")
+        change = (radial(along) - P) * 2 * h / (radial(along + h) - radial(along - h))
+        along = along - change
+        if np.all(np.abs(change) < 1e-13 * along):
+            return along, (stress(np.array([along, around, axial]))[1] - P) / R
+    raise VerificationError("no radial stretch carries the radial stress")
 
 
 def lame(inner: float, outer: float, young: float, poisson: float, inside: float, outside: float) -> float:

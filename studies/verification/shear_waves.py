@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from scipy.special import jv, yv
 
 from geometry.channel import ElasticChannel, PlaneMesh
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
 from ngfsi.case import Case, Materials, TimeStepping
 from ngfsi.domain import Domain
 from ngfsi.materials import CompressibleNeoHookean, Newtonian
@@ -24,7 +22,7 @@ from ngfsi.solve.timeloop import History, TimeLoop
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 from studies.verification.plane import body_force, case_of
 from studies.verification.polynomial import evaluated, interpolated
-from studies.verification.tube import relative_error
+from studies.verification.tube import relative_error, sheath
 
 Array = NDArray[np.float64]
 Profile = Callable[[Any], Any]
@@ -104,15 +102,6 @@ def pipe_wave() -> Wave:
     )
 
 
-class ClampedTube(TubeSegment):
-    """A sheath whose outer face is fixed."""
-
-    @property
-    def rigid_names(self) -> tuple[str, ...]:
-        """Boundaries that are fixed in space."""
-        return ("skin",)
-
-
 class Driven(System):
     """The coupled system with the exact profile at the inlet and the pressure gradient as a force on all of it.
 
@@ -189,13 +178,7 @@ def compute(setting: Setting) -> Values:
     step = setting["step"] * PERIOD
     pipe = setting["shape"] == "pipe"
     if pipe:
-        n = round(1 / h)
-        geometry: Any = ClampedTube(
-            length=LENGTH, lumen_diameter=2 * INNER, wall_thickness=(OUTER - INNER) / 2, outer_radius=OUTER,
-            mesh=MeshSettings(element="mixed", axial_layers=1, far_size=1.5e-3, vein_size=2 * np.pi * INNER / (8 * n),
-                              lumen_radii=tuple(i / (2 * n) for i in range(2 * n - 1, 0, -1)), wall_layers=1,
-                              curving_order=order),
-        )  # fmt: skip
+        geometry: Any = sheath(INNER, OUTER - INNER, LENGTH, h, order)
         materials = Materials(tissue=SOLID, wall=SOLID, fluid=FLUID)
     else:
         mesh = PlaneMesh(far_size=h * 4e-3, curving_order=order)

@@ -24,6 +24,27 @@ PASSIVE = 1e-10
 """Flow (m3/s) per blood pressure (Pa) that presses on nothing: its own drop of pressure is 1e-6 of it."""
 
 
+class ClampedTube(TubeSegment):
+    """A sheath whose outer face is fixed."""
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Boundaries that are fixed in space."""
+        return ("skin",)
+
+
+def sheath(inner: float, thickness: float, length: float, h: float, order: int) -> ClampedTube:
+    """Return a lumen in an elastic sheath (m), of two layers of elements, and h times the sizes of a coarse mesh."""
+    n = round(1 / h)
+    mesh = MeshSettings(
+        element="mixed", axial_layers=1, far_size=thickness / 2, vein_size=2 * np.pi * inner / (8 * n),
+        lumen_radii=tuple(i / (2 * n) for i in range(2 * n - 1, 0, -1)), wall_layers=1, curving_order=order,
+    )  # fmt: skip
+    return ClampedTube(
+        length=length, lumen_diameter=2 * inner, wall_thickness=thickness / 2, outer_radius=inner + thickness, mesh=mesh
+    )
+
+
 def system(geometry: TubeSegment, law: SolidLaw, wall: SolidLaw, inside: float, outside: float, **more: Any) -> System:
     """Return the system of a tube under pressures (Pa) inside and outside, with the order of its curving.
 

@@ -48,6 +48,7 @@ DATA = {
     "CSM3": Data(0.0, 0.5e6, 1e3),
     "CFD1": Data(0.2, 0.5e6, 1e3),
     "CFD2": Data(1.0, 0.5e6, 1e3),
+    "CFD3": Data(2.0, 0.5e6, 1e3),
     "FSI1": Data(0.2, 0.5e6, 1e3),
     "FSI2": Data(1.0, 0.5e6, 1e4),
     "FSI3": Data(2.0, 2.0e6, 1e3),

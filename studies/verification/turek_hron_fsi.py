@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.case import Case
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
-from ngfsi.verify import Benchmark, Reference, Setting, Values
+from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
 from studies.verification.plane import at_rest, march, refined
 from studies.verification.turek_hron import (
     BEAM_IN_CHANNEL,
@@ -25,7 +26,7 @@ from studies.verification.turek_hron import (
 Array = NDArray[np.float64]
 
 
-def compute(setting: Setting) -> Values:
+def compute(setting: Setting) -> Values | tuple[Values, Signals]:
     """Return the displacement (m) of the tip and the force (N per metre of depth) on cylinder and beam."""
     name, geometry = setting["case"], refined(BEAM_IN_CHANNEL, setting["order"], setting["h"])
     if name != "FSI1":
@@ -35,7 +36,7 @@ def compute(setting: Setting) -> Values:
     return dict(zip(("ux", "uy", "drag", "lift"), (*tip_motion(system), *force_on_obstacle(system)()), strict=True))
 
 
-def _periodic(case: Any) -> Values:
+def _periodic(case: Case) -> tuple[Values, Signals]:
     system, _ = at_rest(case)
     force = force_on_obstacle(system)
 
@@ -43,7 +44,8 @@ def _periodic(case: Any) -> Values:
         return np.concatenate([tip_motion(system), force()])
 
     rows = march(system, Newton(system, choose_backend("auto")), measure)
-    return oscillations(rows, "ux", "uy", "drag", "lift")
+    signals = Signals(("time_s", "ux_m", "uy_m", "drag_n", "lift_n"), rows)
+    return oscillations(rows, "ux", "uy", "drag", "lift"), signals
 
 
 CASE = Benchmark(
@@ -54,22 +56,19 @@ CASE = Benchmark(
     "per cent in the amplitudes of FSI2 and FSI3",
     compute=compute,
 )
-STEADY = {f"FSI1, k = {k}": (("FSI1", k), (1.0, 0.5)) for k in (2, 3, 4)}
 LEVELS: dict[str, dict[str, tuple[dict[str, Any], ...]]] = {
     "ci": {"FSI1, k = 3": ({"case": "FSI1", "order": 3, "h": 1.0},)},
     "full": {
-        **{
-            series: tuple({"case": name, "order": k, "h": h} for h in sizes)
-            for series, ((name, k), sizes) in STEADY.items()
-        },
+        **{f"FSI1, k = {k}": tuple({"case": "FSI1", "order": k, "h": h} for h in (1.0, 0.5)) for k in (2, 3, 4)},
         "FSI2": ({"case": "FSI2", "order": 3, "h": 1.0, "step": 0.004, "end": 14.0},),
         "FSI3": ({"case": "FSI3", "order": 3, "h": 0.6, "step": 0.002, "end": 8.0},),
     },
 }
 
 
-def _by_order(*values: float) -> dict[str, float]:
-    return {f"FSI1, k = {k}": value for k, value in zip((2, 3, 4), values, strict=True)}
+def _steady(quantity: str, unit: str, value: float, *by_order: float) -> Reference:
+    series = [f"FSI1, k = {k}" for k in (2, 3, 4)]
+    return Reference(quantity, dict.fromkeys(series, value), unit, dict(zip(series, by_order, strict=True)), SOURCE)
 
 
 def _swings(quantity: str, unit: str, fsi2: float, fsi3: float, allowed: float) -> Reference:
@@ -77,10 +76,10 @@ def _swings(quantity: str, unit: str, fsi2: float, fsi3: float, allowed: float) 
 
 
 REFERENCES = (
-    Reference("ux", _by_order(*3 * (2.27e-5,)), "m", _by_order(1e-2, 5e-3, 3e-3), SOURCE),
-    Reference("uy", _by_order(*3 * (0.8209e-3,)), "m", _by_order(5e-2, 2e-2, 1e-2), SOURCE),
-    Reference("drag", _by_order(*3 * (14.295,)), "N", _by_order(2e-3, 1e-3, 3e-4), SOURCE),
-    Reference("lift", _by_order(*3 * (0.7638,)), "N", _by_order(5e-2, 5e-3, 2e-3), SOURCE),
+    _steady("ux", "m", 2.27e-5, 1e-2, 5e-3, 3e-3),
+    _steady("uy", "m", 0.8209e-3, 5e-2, 2e-2, 1e-2),
+    _steady("drag", "N", 14.295, 2e-3, 1e-3, 3e-4),
+    _steady("lift", "N", 0.7638, 5e-2, 5e-3, 2e-3),
     _swings("uy, amplitude", "m", 80.6e-3, 34.38e-3, 3e-2),
     _swings("uy, frequency", "1/s", 2.0, 5.3, 5e-2),
     _swings("ux, mean", "m", -14.58e-3, -2.69e-3, 0.1),

@@ -10,7 +10,7 @@ from geometry.channel import Beam
 from ngfsi.case import Materials, TimeStepping
 from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
-from ngfsi.verify import Benchmark, Reference, Setting, Values
+from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
 from studies.verification.plane import at_rest, body_force, case_of, march, refined
 from studies.verification.turek_hron import DATA, SOURCE, oscillations, tip_motion
 
@@ -18,7 +18,7 @@ GRAVITY = 2.0
 SHARES = (0.25, 0.5, 0.75, 1.0)
 
 
-def compute(setting: Setting) -> Values:
+def compute(setting: Setting) -> Values | tuple[Values, Signals]:
     """Return the displacement of the tip (m), at rest or while it swings from the straight shape."""
     name = setting["case"]
     changes: dict[str, Any] = {}
@@ -32,7 +32,7 @@ def compute(setting: Setting) -> Values:
     newton = Newton(system, choose_backend("auto"))
     if name == "CSM3":
         rows = march(system, newton, lambda: tip_motion(system))
-        return oscillations(rows, "ux", "uy")
+        return oscillations(rows, "ux", "uy"), Signals(("time_s", "ux_m", "uy_m"), rows)
     for part in SHARES:
         share.Set(part)
         newton.solve(case.solver.tolerance, case.solver.max_iterations)

@@ -43,8 +43,8 @@ CASE = Benchmark(
     title="Vein in tissue, at rest",
     solves="lumen of 11.1 mm, wall of 1 mm (Saint Venant-Kirchhoff) and tissue to 30 mm, of Mooney-Rivlin with c11 "
     "(M) or Neo-Hookean law (N), under blood and skin pressure, by the coupled system with its follower pressures",
-    exact="radial equilibrium of the stretches with the energy in principal stretches, integrated by scipy and solved "
-    "by shooting; it shares no code with the finite elements",
+    exact="radial equilibrium of the stretches with the energy in principal stretches, as a boundary value "
+    "problem (scipy's solve_bvp); it shares no code with the finite elements",
     compute=compute,
 )
 LEVELS = {
