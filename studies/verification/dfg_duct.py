@@ -7,7 +7,7 @@ from ngfsi.case import Materials
 from ngfsi.measure.force import Force
 from ngfsi.solve.initial import steady_flow
 from ngfsi.solve.linear import choose_backend
-from ngfsi.verify import Setting, Values
+from ngfsi.verify import Benchmark, Reference, Setting, Values
 from studies.verification.dfg_cylinder import FLUID, coefficient
 from studies.verification.plane import at_rest, case_of, refined
 
