@@ -17,6 +17,7 @@ from studies.verification.plane import at_rest, body_force, march, refined
 from studies.verification.turek_hron import (
     BEAM_IN_CHANNEL,
     RAMP,
+    SHARP,
     SOURCE,
     flow_case,
     force_on_obstacle,
@@ -52,7 +53,7 @@ def compute(setting: Setting) -> Values | tuple[Values, Signals]:
         force = force_on_obstacle(shedding)
         rows = march(shedding, Newton(shedding, choose_backend("auto"), "w", "p"), force)
         return oscillations(rows, "drag", "lift"), Signals(("time_s", "drag_n", "lift_n"), rows)
-    system, _ = at_rest(flow_case(name, geometry))
+    system, _ = at_rest(flow_case(name, geometry.replace(**SHARP)))
     steady_flow(system, choose_backend("auto"))
     drag, lift = force_on_obstacle(system)()
     return {"drag": drag, "lift": lift}
@@ -94,8 +95,8 @@ def _swings(quantity: str, unit: str, value: float, allowed: float) -> Reference
 
 
 REFERENCES = (
-    _steady("drag", 0, {"CFD1": (2e-3, 5e-4, 1e-4), "CFD2": (1e-2, 2e-3, 1e-3)}),
-    _steady("lift", 1, {"CFD1": (5e-2, 1e-2, 2e-3), "CFD2": (0.4, 5e-2, 1e-2)}),
+    _steady("drag", 0, {"CFD1": (2e-3, 1e-4, 1e-5), "CFD2": (1e-2, 2e-3, 1e-3)}),
+    _steady("lift", 1, {"CFD1": (2e-2, 2e-3, 2e-4), "CFD2": (0.4, 5e-2, 1e-2)}),
     _swings("drag, mean", "N", 439.45, 1e-2),
     _swings("drag, amplitude", "N", 5.6183, 0.2),
     _swings("lift, mean", "N", -11.893, 0.4),

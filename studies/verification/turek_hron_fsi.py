@@ -15,6 +15,7 @@ from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
 from studies.verification.plane import at_rest, march, refined
 from studies.verification.turek_hron import (
     BEAM_IN_CHANNEL,
+    SHARP,
     SOURCE,
     flow_case,
     force_on_obstacle,
@@ -31,7 +32,7 @@ def compute(setting: Setting) -> Values | tuple[Values, Signals]:
     name, geometry = setting["case"], refined(BEAM_IN_CHANNEL, setting["order"], setting["h"])
     if name != "FSI1":
         return _periodic(rising_case(name, geometry, setting["step"], setting["end"]))
-    system, _ = at_rest(flow_case(name, geometry))
+    system, _ = at_rest(flow_case(name, geometry.replace(**SHARP)))
     initial_state(system, Newton(system, choose_backend("auto")))
     return dict(zip(("ux", "uy", "drag", "lift"), (*tip_motion(system), *force_on_obstacle(system)()), strict=True))
 
@@ -53,7 +54,10 @@ CASE = Benchmark(
     solves="the coupled system in plane strain: a Saint Venant-Kirchhoff beam behind a cylinder in a channel, steady "
     "at a Reynolds number of 20 (FSI1), and swinging by itself at 100 (FSI2) and 200 (FSI3) after a smooth start",
     exact="published values of the tip's displacement and of the force on cylinder and beam; codes differ by some "
-    "per cent in the amplitudes of FSI2 and FSI3",
+    "per cent in the amplitudes of FSI2 and FSI3. FSI1 is converged here (uy 0.8186 mm, lift 0.7648 N over orders and "
+    "meshes, with either law of mesh motion) 0.28 % below the published uy and 0.13 % above the lift; 2e-4 N at the "
+    "tip, 1e-5 of the drag, would make that difference. The cause is not known: CFD1 and CSM1 meet their values to "
+    "3e-6, and flow computed in the deformed shape has the same force as the coupled solution",
     compute=compute,
 )
 LEVELS: dict[str, dict[str, tuple[dict[str, Any], ...]]] = {
@@ -76,10 +80,10 @@ def _swings(quantity: str, unit: str, fsi2: float, fsi3: float, allowed: float) 
 
 
 REFERENCES = (
-    _steady("ux", "m", 2.27e-5, 1e-2, 5e-3, 3e-3),
-    _steady("uy", "m", 0.8209e-3, 5e-2, 2e-2, 1e-2),
-    _steady("drag", "N", 14.295, 2e-3, 1e-3, 3e-4),
-    _steady("lift", "N", 0.7638, 5e-2, 5e-3, 2e-3),
+    _steady("ux", "m", 2.27e-5, 1e-2, 2e-3, 2e-3),
+    _steady("uy", "m", 0.8209e-3, 5e-2, 5e-3, 5e-3),
+    _steady("drag", "N", 14.295, 1e-3, 1e-4, 1e-4),
+    _steady("lift", "N", 0.7638, 2e-2, 2e-3, 2e-3),
     _swings("uy, amplitude", "m", 80.6e-3, 34.38e-3, 3e-2),
     _swings("uy, frequency", "1/s", 2.0, 5.3, 5e-2),
     _swings("ux, mean", "m", -14.58e-3, -2.69e-3, 0.1),
