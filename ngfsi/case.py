@@ -124,6 +124,9 @@ class Solver(Section):
     tolerance: float = Field(default=1e-7, gt=0, lt=1)
     """Largest relative change of any block of unknowns at convergence."""
     max_iterations: int = Field(default=25, ge=1)
+    linearise: Literal["when slow", "always"] = "when slow"
+    """when slow: a factorisation serves over iterations and steps until it converges too slowly; always: one per
+    iteration, which is Newton's method as in textbooks, to compare with."""
     linear: Literal["auto", "pardiso", "umfpack"] = "auto"
     """auto: pardiso where MKL is installed, else umfpack."""
     compile: bool = True

@@ -1,4 +1,4 @@
-"""Command line: `ngfsi run`, `study`, `verify`, `materials`, `info`, `export`.
+"""Command line: `ngfsi run`, `study`, `verify`, `bench`, `materials`, `info`, `export`.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
 equations could not be solved, 130 interrupted, 1 an error of the program itself.
@@ -140,6 +140,41 @@ def verify(
     typer.echo(f"The page is '{page}'")
     if failed := [result.name for result in results if not result.passed]:
         raise engine.VerificationError(f"not within their tolerance: {', '.join(failed)}")
+
+
+@app.command()
+def bench(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Cases; default all.", metavar="[NAME]...", show_default=False)
+    ] = None,
+    against: Annotated[
+        list[str] | None, typer.Option(help="Variant to compare with; may be given again.", metavar="VARIANT")
+    ] = None,
+    pairs: Annotated[int, typer.Option(min=1, help="Runs of each, by turns.")] = 5,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Run only the first steps, and extrapolate.", show_default=False)
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("runs/bench"),
+) -> None:
+    """Measure time, memory and counts of whole runs.
+
+    Prints ratios to a variant, median and spread, and writes them as JSON and figure.
+
+    Example: ngfsi bench calf-demo --against textbook --pairs 2 --steps 10
+    """
+    from ngfsi import bench as engine
+    from ngfsi.output.figures import stacked_bars
+    from ngfsi.output.summary import console
+
+    variants = engine.named("VARIANTS", against) if against else {}
+    with _interruptible(output):
+        for name, case in engine.named("CASES", names or ()).items():
+            changed = {label: change(case) for label, change in variants.items()}
+            found = engine.compare(name, case, changed, pairs, steps, _say)
+            path = found.write(output)
+            stacked_bars(found.phases(), "s", path.with_suffix(".png"))
+            console().print(found.table())
+            typer.echo(f"The numbers are in '{path}'")
 
 
 @app.command()

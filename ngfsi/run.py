@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import resource
-from collections import defaultdict
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import ngsolve as ng
@@ -26,6 +23,7 @@ from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import Step, TimeLoop
+from ngfsi.stopwatch import Stopwatch
 
 WALL_REFINEMENT = 3
 """Points along each side of an interface element in the written wall fields."""
@@ -82,12 +80,12 @@ class Computation:
 
     def __init__(self, case: Case, folder: RunFolder, backend: Any, *, quiet: bool) -> None:
         self.case, self.folder, self.backend, self.quiet = case, folder, backend, quiet
-        self.seconds: defaultdict[str, float] = defaultdict(float)
+        self.watch = Stopwatch()
         self._factorisations = 0
 
     def run(self) -> None:
         """Compute everything."""
-        with self._phase("mesh"):
+        with self.watch("mesh"):
             domain = Domain.build(self.case.geometry)
             self.folder.update_manifest(mesh=domain.statistics())
         try:
@@ -95,19 +93,19 @@ class Computation:
                 self._solve(domain)
         finally:
             self.folder.update_manifest(
-                seconds=dict(self.seconds),
+                seconds=dict(self.watch.seconds),
                 peak_memory_MB=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
                 factorisations=self._factorisations,
             )
 
     def _solve(self, domain: Domain) -> None:
-        with self._phase("set-up"):
-            system = System(self.case, domain)
+        with self.watch("set-up"):
+            system = System(self.case, domain, self.watch)
             self._note_system(system)
             newton = Newton(system, self.backend)
-        with self._phase("initial state"):
+        with self.watch("initial state"):
             self._factorisations += initial_state(system, newton, self.folder.log)
-        with self._phase("measures"):
+        with self.watch("measures"):
             probe = Probe(system)
         loop = TimeLoop(self.case, system, newton, probe.deformation.inversion, self.folder.log)
         writer = FieldWriter(self.folder.path, domain, volume_fields(system))
@@ -129,16 +127,16 @@ class Computation:
         return every > 0 and index % every == 0
 
     def _timed(self, steps: Iterator[Step]) -> Iterator[Step]:
-        """Pass steps on, adding the time spent inside the loop to its phase."""
+        """Pass steps on, timing what is done inside the loop."""
         while True:
-            with self._phase("steps"):
+            with self.watch("steps"):
                 step = next(steps, None)
             if step is None:
                 return
             yield step
 
     def _record(self, time: float, size: float, probe: Probe) -> None:
-        with self._phase("measures"):
+        with self.watch("measures"):
             probe.refresh()
             self.folder.record({"time_s": time, "step_s": size, **row(probe)})
 
@@ -156,7 +154,7 @@ class Computation:
         )
 
     def _write(self, time: float, probe: Probe, writer: FieldWriter) -> None:
-        with self._phase("output"):
+        with self.watch("output"):
             writer.write(time, probe.wall.sample(WALL_REFINEMENT))
             self.folder.record_outlines(time, probe.sections.rings)
 
@@ -169,14 +167,6 @@ class Computation:
             linear_solver=self.backend,
             threads=ng.ngsglobals.numthreads,
         )
-
-    @contextmanager
-    def _phase(self, name: str) -> Iterator[None]:
-        started = perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] += perf_counter() - started
 
 
 def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:

@@ -11,8 +11,8 @@ import ngfsi
 
 ROOT = Path(ngfsi.__file__).parent
 ORDER = (
-    "errors", "units", "complaint", "section", "curves", "builders", "materials", "case", "curving", "meshing",
-    "domain", "physics", "solve", "measure", "output", "run", "study", "verify", "cli",
+    "errors", "stopwatch", "units", "complaint", "section", "curves", "builders", "materials", "case", "curving",
+    "meshing", "domain", "physics", "solve", "measure", "output", "run", "study", "bench", "verify", "cli",
 )  # fmt: skip
 
 

@@ -160,6 +160,22 @@ def signals_over_time(columns: Sequence[str], rows: Array, path: Path) -> None:
     figure.savefig(path)
 
 
+def stacked_bars(parts: Mapping[str, Mapping[str, float]], unit: str, path: Path) -> None:
+    """Draw a bar for each of what is compared, of parts one on the other; parts -> name -> value."""
+    names = list(next(iter(parts.values())))
+    figure, axes = _figure(2.4 + 1.3 * len(names), 4.2)
+    below = np.zeros(len(names))
+    shades = [*COLOURS, *(f"{colour}80" for colour in COLOURS)]
+    for colour, (part, values) in zip(shades, parts.items(), strict=False):
+        heights = np.array([values[name] for name in names])
+        axes.bar(names, heights, bottom=below, color=colour, width=0.6, label=part)
+        below += heights
+    axes.set_ylabel(unit)
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(handles[::-1], labels[::-1], fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    figure.savefig(path)
+
+
 def _outline_panel(panel: Axes, group: Group, times: tuple[float, float]) -> None:
     before, after = (_middle_ring(group.run, time) for time in times)
     for (time, ring), colour in ((before, QUIET), (after, group.colour)):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
+from ngfsi.stopwatch import Stopwatch
 
 Backend = Literal["pardiso", "umfpack"]
 Mask = NDArray[np.bool_]
@@ -53,16 +54,19 @@ class Factorisation:
     """
 
     def __init__(
-        self, form: ng.BilinearForm, free: Mask, backend: Backend, equations: NDArray[np.int64] | None = None
-    ) -> None:
+        self, form: ng.BilinearForm, free: Mask, backend: Backend, equations: NDArray[np.int64] | None = None,
+        watch: Stopwatch | None = None,
+    ) -> None:  # fmt: skip
         """Prepare.
 
         Args:
             equations: number of the form's row that is each unknown's equation, an involution; default: its own.
+            watch: takes the seconds of assembly, factorisation and solves.
         """
         self.form = form
         self.backend = backend
         self.count = 0
+        self._watch = watch or Stopwatch()
         self._equations = np.arange(form.space.ndof) if equations is None else equations
         self._solved = ng.BitArray(list(free & np.array(list(form.space.FreeDofs(form.condense)))))
         self._target: NDArray[np.int64] | None = None
@@ -75,13 +79,15 @@ class Factorisation:
             SolverError: the matrix is singular or not finite.
         """
         try:
-            self.form.AssembleLinearization(state)
-            self._take_rows()
-            if self._inverse is None or self.backend != "pardiso":
-                flags = {"flags": PARDISO_FLAGS} if self.backend == "pardiso" else {}
-                self._inverse = self.form.mat.Inverse(self._solved, inverse=self.backend, **flags)
-            else:
-                self._inverse.Update()
+            with self._watch("assembly"):
+                self.form.AssembleLinearization(state)
+                self._take_rows()
+            with self._watch("factorisation"):
+                if self._inverse is None or self.backend != "pardiso":
+                    flags = {"flags": PARDISO_FLAGS} if self.backend == "pardiso" else {}
+                    self._inverse = self.form.mat.Inverse(self._solved, inverse=self.backend, **flags)
+                else:
+                    self._inverse.Update()
         except Exception as error:  # NGSolve raises its own and generic exceptions for singular element matrices
             raise SolverError(f"the linearised system could not be factorised: {error}") from error
         self.count += 1
@@ -107,6 +113,10 @@ class Factorisation:
 
         `residual` has the equation of each unknown in that unknown's place, and is overwritten.
         """
+        with self._watch("solves"):
+            self._solve(residual, update)
+
+    def _solve(self, residual: Any, update: Any) -> None:
         if self.form.condense:
             values = residual.FV().NumPy()
             raw = residual.CreateVector()

@@ -68,8 +68,9 @@ class Newton:
         self.system = system
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
-        self.factorisation = Factorisation(system.form, self.free, backend, system.unknowns.equations)
+        self.factorisation = Factorisation(system.form, self.free, backend, system.unknowns.equations, system.watch)
         self._factored_weight: float | None = None
+        self._always = system.case.solver.linearise == "always"
         self._stale = False
         self._update = system.state.vec.CreateVector()
 
@@ -98,7 +99,7 @@ class Newton:
         if self._needs_renewal():
             self._renew(solution)
         mixing, history = Mixing(scale), []
-        always_renew, first = False, 0.0
+        always_renew, first = self._always, 0.0
         best = self.system.values[self.free].copy()
         while solution.iterations < max_iterations:
             solution.iterations += 1
@@ -132,7 +133,7 @@ class Newton:
         return -np.asarray(self._update.FV().NumPy()[self.free])
 
     def _needs_renewal(self) -> bool:
-        if self._factored_weight is None or self._stale:
+        if self._factored_weight is None or self._stale or self._always:
             return True
         now, then = self.system.new_weight.Get(), self._factored_weight
         return bool(max(now, then) > WEIGHT_DRIFT * min(now, then))

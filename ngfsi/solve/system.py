@@ -18,6 +18,7 @@ from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.compiled import compiled
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
+from ngfsi.stopwatch import Stopwatch
 
 Vector = NDArray[np.float64]
 
@@ -55,8 +56,14 @@ class System:
     the old states' part for each unknown, in the same vector layout as the state itself.
     """
 
-    def __init__(self, case: Case, domain: Domain) -> None:
+    def __init__(self, case: Case, domain: Domain, watch: Stopwatch | None = None) -> None:
+        """Build the forms.
+
+        Args:
+            watch: takes the seconds of residuals, assembly, factorisation and solves.
+        """
         self.case, self.domain = case, domain
+        self.watch = watch or Stopwatch()
         inflow = case.loads.inlet_pressure is None
         self.unknowns = Unknowns.build(domain, case.discretisation.order, case.conditions.ends, inflow=inflow)
         space = self.unknowns.space
@@ -213,8 +220,9 @@ class System:
 
         The inflow is brought up to date.
         """
-        self.apply_inflow()
-        self.form.Apply(self.state.vec, self._residual)
+        with self.watch("residuals"):
+            self.apply_inflow()
+            self.form.Apply(self.state.vec, self._residual)
         values = self._residual.FV().NumPy()
         values[:] = values[self.unknowns.equations]
         return self._residual

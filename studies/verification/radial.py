@@ -102,30 +102,30 @@ def inner_displacement(inner: float, layers: Sequence[Layer], inside: float, out
     begins = np.array([inner, *(layer.outer for layer in layers[:-1])])
     widths = np.array([layer.outer for layer in layers]) - begins
     stresses = [stress_of(layer.law) for layer in layers]
+    scale = max(abs(inside), abs(outside))
 
     def slope(s: Array, y: Array) -> Array:
-        """Of r and P in each layer, over the share s of its thickness."""
+        """Of r / inner and P / scale in each layer, over the share s of its thickness."""
         slopes = []
         for stress, begin, width, r, P in zip(stresses, begins, widths, y[::2], y[1::2], strict=True):
-            along, slope_of_P = _equilibrium(stress, begin + s * width, r, P)
-            slopes += [width * along, width * slope_of_P]
+            along, slope_of_P = _equilibrium(stress, begin + s * width, inner * r, scale * P)
+            slopes += [width * along / inner, width * slope_of_P / scale]
         return np.array(slopes)
 
     def surplus(share: float) -> Callable[[Array, Array], Array]:
         def of_ends(first: Array, last: Array) -> Array:
-            pressed = (
-                first[1] + share * inside * first[0] / inner,
-                last[-1] + share * outside * last[-2] / layers[-1].outer,
-            )
-            return np.array([*pressed, *(first[2:] - last[:-2])])
+            pressed_inside = first[1] + share * inside / scale * first[0]
+            pressed_outside = last[-1] + share * outside / scale * last[-2] * inner / layers[-1].outer
+            return np.array([pressed_inside, pressed_outside, *(first[2:] - last[:-2])])
 
         return of_ends
 
     s = np.linspace(0, 1, 21)
-    y = np.vstack([row for b, w in zip(begins, widths, strict=True) for row in (b + s * w, np.zeros_like(s))])
+    at_rest = [((begin + s * width) / inner, np.zeros_like(s)) for begin, width in zip(begins, widths, strict=True)]
+    y = np.vstack([row for rows in at_rest for row in rows])
     for share in SHARES:
         s, y = _solved(slope, surplus(share), s, y)
-    return float(y[0, 0] - inner)
+    return float(inner * (y[0, 0] - 1))
 
 
 def stress_free_radius(law: SolidLaw, inner: float, outer: float, inside: float) -> float:
@@ -133,20 +133,19 @@ def stress_free_radius(law: SolidLaw, inner: float, outer: float, inside: float)
     stress = stress_of(law)
 
     def slope(r: Array, y: Array) -> Array:
-        """Of R and P, over the deformed radius."""
-        along, slope_of_P = _equilibrium(stress, y[0], r, y[1])
-        return np.array([1 / along, slope_of_P / along])
+        """Of R / inner and P / inside, over the deformed radius."""
+        along, slope_of_P = _equilibrium(stress, inner * y[0], r, inside * y[1])
+        return np.array([1 / along / inner, slope_of_P / along / inside])
 
     r = np.linspace(inner, outer, 21)
-    y = np.vstack([r, np.zeros_like(r)])
+    y = np.vstack([r / inner, np.zeros_like(r)])
     for share in SHARES:
-        pressure = share * inside
 
-        def surplus(first: Array, last: Array, pressure: float = pressure) -> Array:
-            return np.array([first[1] + pressure * inner / first[0], last[1]])
+        def surplus(first: Array, last: Array, share: float = share) -> Array:
+            return np.array([first[1] + share / first[0], last[1]])
 
         r, y = _solved(slope, surplus, r, y)
-    return float(y[0, 0])
+    return float(inner * y[0, 0])
 
 
 def _solved(slope: Any, surplus: Any, x: Array, y: Array) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from ngfsi.errors import SolverError
 from ngfsi.solve import newton as module
 from ngfsi.solve.newton import Mixing, Newton
 from ngfsi.solve.unknowns import BLOCKS
+from ngfsi.stopwatch import Stopwatch
 
 Vector = NDArray[np.float64]
 
@@ -31,8 +32,9 @@ SOLUTION = RNG.uniform(0.5, 1.5, SIZE)  # in units of the scales
 class Algebraic:
     """r(x) = A (y - s) + c (y^3 - s^3), y = x / scale, in the shape of a System; two unknowns in each block."""
 
-    def __init__(self, cubic: float = 0.3, free: NDArray[np.bool_] | None = None) -> None:
-        self.cubic = cubic
+    def __init__(self, cubic: float = 0.3, free: NDArray[np.bool_] | None = None, linearise: str = "when slow") -> None:
+        self.cubic, self.watch = cubic, Stopwatch()
+        self.case = SimpleNamespace(solver=SimpleNamespace(linearise=linearise))
         mask = np.ones(SIZE, dtype=bool) if free is None else free
         self.unknowns = SimpleNamespace(
             blocks=PARTS, size=SIZE, free=lambda *names: mask & self._of(names), equations=np.arange(SIZE)
@@ -94,7 +96,7 @@ class Dense:
 @pytest.fixture
 def make(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Newton]:
     def make(system: Algebraic, *blocks: str) -> Newton:
-        monkeypatch.setattr(module, "Factorisation", lambda _form, free, _backend, _equations: Dense(system, free))
+        monkeypatch.setattr(module, "Factorisation", lambda _form, free, *_: Dense(system, free))
         return Newton(system, "umfpack", *blocks)  # type: ignore[arg-type]
 
     return make
@@ -176,6 +178,20 @@ def test_slow_convergence_renews_the_factors_at_the_present_state(make: Make) ->
     at = newton.factorisation.at  # type: ignore[attr-defined]
     assert np.array_equal(at[0], start)
     assert all(np.any(later != start) for later in at[1:])
+
+
+def test_newton_as_in_textbooks(make: Make) -> None:
+    """Factors of the present state before every update: the error is squared each time."""
+    system = Algebraic(linearise="always")
+    system.values[:] = 1.3 * SCALE * SOLUTION
+    newton = make(system)
+    solution = newton.solve(1e-10, 60)
+    assert solution.factorisations == solution.iterations
+    assert system.values / SCALE == pytest.approx(SOLUTION, rel=1e-9)
+    at = newton.factorisation.at  # type: ignore[attr-defined]
+    errors = np.array([np.abs(state / SCALE - SOLUTION).max() for state in at])
+    assert np.all(errors[1:] < 2 * np.maximum(errors[:-1] ** 2, 1e-15))
+    assert newton.solve(1e-10, 60).factorisations == 1
 
 
 def test_a_slow_step_is_followed_by_new_factors(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:

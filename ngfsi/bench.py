@@ -1,0 +1,201 @@
+"""Benchmarks of speed: whole runs as processes of their own, by turns, so that both meet the same moods of the machine.
+
+What is stored and shown are ratios to the case as it is; seconds are of one machine on one day. The named cases and
+variants are in `studies.speed`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+from rich.table import Table
+
+from ngfsi.case import Case
+from ngfsi.errors import OutputError, SolverError, unknown
+from ngfsi.output.provenance import versions
+from ngfsi.output.stored import open_run
+from ngfsi.output.table import explained
+
+PLAIN = "as it is"
+OUTSIDE = "start of Python, and what no phase knows"
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What one run took.
+
+    Attributes:
+        seconds: on the clock, from the start of the process to its end.
+        memory: largest resident set of the process, in MB.
+        phases: seconds by kind of work, which sum to `seconds`.
+        whole_s: the seconds of all steps of the case, extrapolated if only the first were run.
+    """
+
+    seconds: float
+    memory: float
+    unknowns: int
+    steps: int
+    iterations: int
+    factorisations: int
+    whole_s: float
+    phases: Mapping[str, float]
+
+
+QUANTITIES = {
+    "whole_s": "seconds",
+    "memory": "memory, MB",
+    "factorisations": "factorisations",
+    "iterations": "iterations",
+    "unknowns": "unknowns",
+}
+
+
+def take(case: Case, steps: int | None = None) -> Sample:
+    """Run a case, or its first steps, in a process of its own and return what it took.
+
+    Raises:
+        SolverError: the run failed; says why.
+    """
+    planned = round(case.time.end / case.time.step)
+    count = min(steps or planned, planned)
+    with TemporaryDirectory(prefix="ngfsi-bench-") as folder:
+        file, results = Path(folder) / "case.toml", Path(folder) / "run"
+        shorter = case.replace(**{"time.end": count * case.time.step, "output.fields_every": 0})
+        file.write_text(shorter.to_toml(), encoding="utf-8")
+        command = [sys.executable, "-m", "ngfsi.cli", "run", str(file), "--output", str(results), "--quiet"]
+        started = perf_counter()
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        assert process.stderr is not None
+        said = process.stderr.read()
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = perf_counter() - started
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            raise SolverError(f"the run of '{case.name}' failed: {said.strip()}")
+        stored = open_run(results)
+        manifest, costs = stored.manifest, stored.costs
+    phases = {str(name): float(value) for name, value in manifest["seconds"].items()}
+    phases[OUTSIDE] = seconds - sum(phases.values())
+    return Sample(
+        seconds=seconds,
+        memory=usage.ru_maxrss / 1024,
+        unknowns=int(manifest["unknowns"]),
+        steps=len(costs["step"]),
+        iterations=int(costs["iterations"].sum()),
+        factorisations=int(manifest["factorisations"]),
+        whole_s=seconds + (planned - count) * float(costs["wall_s"].sum()) / count,
+        phases=phases,
+    )
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Samples of a case as it is and of a variant, taken by turns.
+
+    Attributes:
+        steps: number that was run, of `planned`.
+        samples: by variant; the first is the case as it is.
+    """
+
+    name: str
+    steps: int
+    planned: int
+    samples: Mapping[str, Sequence[Sample]]
+
+    def ratios(self, variant: str, quantity: str) -> list[float]:
+        """Return a variant's values over those of the case as it is, pair by pair."""
+        pairs = zip(self.samples[variant], self.samples[PLAIN], strict=True)
+        return [getattr(one, quantity) / getattr(plain, quantity) for one, plain in pairs]
+
+    def table(self) -> Table:
+        """Return medians, and the ratios with their spread."""
+        extrapolated = f"; seconds extrapolated from {self.steps} of {self.planned} steps"
+        title = self.name + (extrapolated if self.steps < self.planned else "")
+        table = Table("", *self.samples, *(f"{name} over {PLAIN}" for name in self._variants()), title=title)
+        for quantity, label in QUANTITIES.items():
+            values = [median(getattr(one, quantity) for one in samples) for samples in self.samples.values()]
+            ratios = [self.ratios(name, quantity) for name in self._variants()]
+            shown = (f"{median(r):.3g} ({min(r):.3g} to {max(r):.3g})" for r in ratios)
+            table.add_row(label, *(f"{v:.4g}" for v in values), *shown)
+        for phase, seconds in self.phases().items():
+            table.add_row(
+                f"{phase}, s", *(f"{value:.3g}" for value in seconds.values()), *("" for _ in self._variants())
+            )
+        return table
+
+    def phases(self) -> dict[str, dict[str, float]]:
+        """Return the median seconds of each kind of work of each variant, as run."""
+        kinds = dict.fromkeys(phase for samples in self.samples.values() for one in samples for phase in one.phases)
+        return {
+            kind: {name: median(one.phases.get(kind, 0.0) for one in samples) for name, samples in self.samples.items()}
+            for kind in kinds
+        }
+
+    def write(self, folder: Path) -> Path:
+        """Store everything as JSON with the versions that it was measured with, and return its path.
+
+        Raises:
+            OutputError: the folder cannot be written.
+        """
+        path = folder / f"{self.name}.json"
+        with explained(path):
+            folder.mkdir(parents=True, exist_ok=True)
+            content = asdict(self) | {"versions": versions()}
+            path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        return path
+
+    def _variants(self) -> list[str]:
+        return [name for name in self.samples if name != PLAIN]
+
+
+def compare(
+    name: str, case: Case, variants: Mapping[str, Case], pairs: int, steps: int | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Comparison:  # fmt: skip
+    """Run a case and its variants by turns.
+
+    Args:
+        pairs: number of rounds.
+        steps: run only the first ones.
+        say: takes a line after each run.
+
+    Raises:
+        SolverError: a run failed.
+    """
+    planned = round(case.time.end / case.time.step)
+    everything = {PLAIN: case, **variants}
+    samples: dict[str, list[Sample]] = {label: [] for label in everything}
+    for number in range(pairs):
+        for label, one in everything.items():
+            found = take(one, steps)
+            samples[label].append(found)
+            took = f"{found.seconds:.1f} s, {found.factorisations} factorisations"
+            say(f"{name}, {label}, {number + 1} of {pairs}: {took}")
+    return Comparison(name, min(steps or planned, planned), planned, samples)
+
+
+def named(kind: str, names: Sequence[str]) -> dict[str, Any]:
+    """Return the named entries of CASES or VARIANTS of `studies.speed`; all if none is named.
+
+    Raises:
+        OutputError: there is no clone around the engine, or a name is unknown.
+    """
+    if find_spec("studies") is None:
+        raise OutputError("the cases are not installed: they work from a clone of the project, installed with pip -e")
+    known: dict[str, Any] = getattr(import_module("studies.speed"), kind)
+    for name in names:
+        if name not in known:
+            raise OutputError(unknown("case" if kind == "CASES" else "variant", name, known))
+    return {name: known[name] for name in names} or known

@@ -1,0 +1,59 @@
+"""Cases and variants of `ngfsi bench`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from geometry.segment import MeshSettings
+from geometry.tube import TubeSegment
+from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Output, Solver, TimeStepping
+from ngfsi.curves import PressureRamp
+from ngfsi.units import MMHG
+from studies.compare_tissues import LEVELS, MAIN, case
+
+
+def _vein(mesh: MeshSettings, end: float = 0.2, *, native: bool = False) -> Case:
+    """Return a straight vein in a cylinder of Mooney-Rivlin tissue, clamped, under 10 mmHg after 0.2 s."""
+    return Case(
+        name="vein",
+        geometry=TubeSegment(length=60e-3, outer_radius=30e-3, mesh=mesh),
+        materials=Materials.from_dict(
+            {"tissue": {"set": "mooney_rivlin_s1"}, "wall": {"set": "vein_wall"}, "fluid": {"set": "blood"}}
+        ),
+        loads=Loads(skin_pressure=PressureRamp(final=10 * MMHG, duration=0.2)),
+        conditions=Conditions(ends="clamped"),
+        discretisation=Discretisation(order=2),
+        time=TimeStepping(step=0.01, end=end, scheme="backward_euler"),
+        solver=Solver(compile=native),
+        output=Output(fields_every=0),
+    )
+
+
+def _mixed(far: float, near: float, layers: int, radii: tuple[float, ...]) -> MeshSettings:
+    return MeshSettings(element="mixed", far_size=far, vein_size=near, axial_layers=layers, lumen_radii=radii,
+                        curving_order=2)  # fmt: skip
+
+
+CASES: dict[str, Case] = {
+    "tiny": _vein(_mixed(25e-3, 6e-3, 2, (0.6,)), end=0.05),
+    "vein": _vein(_mixed(14e-3, 3.2e-3, 6, (0.85, 0.55))),
+    **{f"calf-{level}": case(MAIN[0], LEVELS[level]) for level in LEVELS},
+}
+"""tiny: for the guard of counts; vein: 20 steps of backward Euler; calf: the main study's, Mooney-Rivlin tissue."""
+
+
+def _textbook(plain: Case) -> Case:
+    return plain.replace(**{"solver.linearise": "always", "solver.linear": "umfpack",
+                            "geometry.mesh.element": "tetrahedron"})  # fmt: skip
+
+
+VARIANTS: dict[str, Callable[[Case], Case]] = {
+    "textbook": _textbook,
+    "newton": lambda plain: plain.replace(**{"solver.linearise": "always"}),
+    "umfpack": lambda plain: plain.replace(**{"solver.linear": "umfpack"}),
+    "tetrahedra": lambda plain: plain.replace(**{"geometry.mesh.element": "tetrahedron"}),
+    "compiled": lambda plain: plain.replace(**{"solver.compile": not plain.solver.compile}),
+}
+"""textbook: Newton's method with a fresh factorisation by UMFPACK in every iteration, on tetrahedra; newton: that with
+the linear solver and the mesh as they are; compiled: forms compiled to machine code where they are not, and the other
+way round."""

@@ -1,0 +1,110 @@
+"""Benchmarks of speed: what is counted is right, pairs are compared with each other, and counts do not get worse."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ngfsi import bench, cli, stopwatch
+from ngfsi.case import Case
+from ngfsi.stopwatch import Stopwatch
+from studies.speed import CASES, VARIANTS
+
+RECORDED = {"unknowns": 3096, "factorisations": 3, "iterations": 30}
+"""Of the case `tiny`: what more of these costs, on any machine."""
+
+
+def test_counts_do_not_get_worse() -> None:
+    """A change that makes these smaller should make them smaller here too."""
+    found = bench.take(CASES["tiny"])
+    counts = {name: getattr(found, name) for name in RECORDED}
+    assert all(counts[name] <= RECORDED[name] for name in RECORDED), counts
+    assert found.steps == 5
+    assert sum(found.phases.values()) == pytest.approx(found.seconds, rel=1e-12)
+    assert {"assembly", "factorisation", "residuals", "solves"} <= set(found.phases)
+    assert min(found.phases.values()) > 0
+    assert found.whole_s == found.seconds
+
+
+def test_work_inside_of_other_work_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter([0.0, 1.0, 4.0, 6.0, 10.0, 20.0])
+    monkeypatch.setattr(stopwatch, "perf_counter", lambda: next(times))
+    watch = Stopwatch()
+    with watch("steps"), pytest.raises(ZeroDivisionError), watch("solves"):  # from 0 to 6, and from 1 to 4
+        raise ZeroDivisionError
+    with watch("solves"):  # from 10 to 20
+        pass
+    assert dict(watch.seconds) == {"steps": 3.0, "solves": 13.0}
+
+
+SAMPLE = bench.Sample(10.0, 100.0, 1000, 5, 20, 2, 10.0, {"assembly": 6.0, bench.OUTSIDE: 4.0})
+
+
+def test_pairs_are_taken_by_turns(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A machine that gets slower all the time spoils seconds, and ratios little."""
+    order: list[str] = []
+
+    def take(case: Case, _steps: int | None) -> Any:
+        order.append(case.solver.linearise)
+        mood, slower = 1.5 ** len(order), 3.0 if case.solver.linearise == "always" else 1.0
+        return replace(SAMPLE, seconds=10 * mood * slower, whole_s=10 * mood * slower)
+
+    monkeypatch.setattr(bench, "take", take)
+    tiny = CASES["tiny"]
+    found = bench.compare("tiny", tiny, {"newton": VARIANTS["newton"](tiny)}, pairs=3)
+    assert order == ["when slow", "always"] * 3
+    assert found.ratios("newton", "whole_s") == pytest.approx([4.5] * 3)
+    assert found.phases()["assembly"] == {bench.PLAIN: 6.0, "newton": 6.0}
+    stored = json.loads(found.write(tmp_path).read_text())
+    assert len(stored["samples"]["newton"]) == 3
+    assert "ngsolve" in stored["versions"]
+
+
+def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three of five steps of 2 s each in a process of 10 s: the whole takes 14 s."""
+
+    class Process:
+        pid, stderr = 1, type("Pipe", (), {"read": staticmethod(lambda: "")})()
+
+        def __init__(self, command: list[str], **_: Any) -> None:
+            ran.append(Case.from_toml(command[4]))
+
+    ran: list[Case] = []
+    usage = type("Usage", (), {"ru_maxrss": 2048.0})()
+    clock = iter([0.0, 10.0])
+    stored = type("Run", (), {
+        "manifest": {"seconds": {"assembly": 7.0}, "unknowns": 9, "factorisations": 1},
+        "costs": {name: np.full(3, value) for name, value in
+                  (("step", 1.0), ("iterations", 4.0), ("wall_s", 2.0))},
+    })()  # fmt: skip
+    monkeypatch.setattr(bench.subprocess, "Popen", Process)
+    monkeypatch.setattr(bench.os, "wait4", lambda *_: (1, 0, usage))
+    monkeypatch.setattr(bench, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(bench, "open_run", lambda _: stored)
+    found = bench.take(CASES["tiny"], steps=3)
+    assert ran[0].time.end == pytest.approx(0.03)
+    assert (found.seconds, found.whole_s, found.iterations, found.memory) == (10.0, 14.0, 12, 2.0)
+    assert found.phases == {"assembly": 7.0, bench.OUTSIDE: 3.0}
+
+
+def test_a_run_that_fails_says_why() -> None:
+    hopeless = CASES["tiny"].replace(**{"solver.max_iterations": 1})
+    with pytest.raises(bench.SolverError, match=r"the run of 'vein' failed: ngfsi: .*did not converge"):
+        bench.take(hopeless)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [(["calf-dem"], "'calf-dem' is not a known case: did you mean 'calf-demo'?"),
+     (["tiny", "--against", "textbok"], "'textbok' is not a known variant: did you mean 'textbook'?")],
+)  # fmt: skip
+def test_unknown_names(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["bench", *arguments])
+    assert ended.value.code == 2
+    assert sentence in capsys.readouterr().err
