@@ -187,15 +187,16 @@ def compare(
 
 
 def named(kind: str, names: Sequence[str]) -> dict[str, Any]:
-    """Return the named entries of CASES or VARIANTS of `studies.speed`; all if none is named.
+    """Return the named entries of CASES or VARIANTS of `studies.speed`; without names the cases of its SHORT.
 
     Raises:
         OutputError: there is no clone around the engine, or a name is unknown.
     """
     if find_spec("studies") is None:
         raise OutputError("the cases are not installed: they work from a clone of the project, installed with pip -e")
-    known: dict[str, Any] = getattr(import_module("studies.speed"), kind)
+    speed = import_module("studies.speed")
+    known: dict[str, Any] = getattr(speed, kind)
     for name in names:
         if name not in known:
             raise OutputError(unknown("case" if kind == "CASES" else "variant", name, known))
-    return {name: known[name] for name in names} or known
+    return {name: known[name] for name in names or speed.SHORT}

@@ -145,7 +145,7 @@ def verify(
 @app.command()
 def bench(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Cases; default all.", metavar="[NAME]...", show_default=False)
+        list[str] | None, typer.Argument(help="Cases; default the short ones.", metavar="[NAME]...", show_default=False)
     ] = None,
     against: Annotated[
         list[str] | None, typer.Option(help="Variant to compare with; may be given again.", metavar="VARIANT")

@@ -41,6 +41,9 @@ CASES: dict[str, Case] = {
 }
 """tiny: for the guard of counts; vein: 20 steps of backward Euler; calf: the main study's, Mooney-Rivlin tissue."""
 
+SHORT = ("vein", "calf-demo")
+"""Cases of seconds or a minute, which are run unless others are named."""
+
 
 def _textbook(plain: Case) -> Case:
     return plain.replace(**{"solver.linearise": "always", "solver.linear": "umfpack",

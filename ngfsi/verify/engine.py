@@ -167,7 +167,7 @@ class Result:
         """Return a stored result."""
         data = json.loads(path.read_text(encoding="utf-8"))
         rows = (Row(**row | {key: tuple(row[key]) for key in ("sizes", "errors")}) for row in data.pop("rows"))
-        series = data.pop("signals")
+        series = data.pop("signals", ())
         result = cls(**data, rows=tuple(rows))
         return replace(result, signals={one: Signals.read(result.file(path.parent, one, "csv")) for one in series})
 
