@@ -1,7 +1,8 @@
 """Quasi-Newton with a factorisation kept over iterations and steps, accelerated by Anderson mixing.
 
 With an old factorisation J0 the map x -> x - J0^-1 r(x) is a contraction near the solution; Anderson's mixing
-(Walker and Ni, SIAM J. Numer. Anal. 49, 2011) combines its last results by least squares. When the contraction is too
+(Walker and Ni, SIAM J. Numer. Anal. 49, 2011) combines its last results by least squares, across solves as in the
+coupling of codes (Degroote, Bathe and Vierendeels, Comput Struct 87, 2009). When the contraction is too
 slow the system is linearised anew at the present state; if it stays slow that happens in every iteration, which is
 Newton's method with the exact Jacobian.
 
@@ -28,7 +29,11 @@ SLOW = 12
 PATIENCE = 4
 GROWTH = 20.0
 WEIGHT_DRIFT = 1.2
-DEPTH = 10
+DEPTH = 20
+SAME_WEIGHT = 1e-6
+"""Relative difference of the weights of steps that are as long but for rounding."""
+DEPENDENT = 1e-12
+"""Differences that depend on each other up to this share add nothing."""
 
 
 @dataclass
@@ -41,24 +46,37 @@ class Solution:
 
 
 class Mixing:
-    """Anderson's mixing of the iterates x with steps g, measured in the scale of each unknown."""
+    """Anderson's mixing of the iterates x with steps g, measured in the scale of each unknown.
 
-    def __init__(self, scale: Vector) -> None:
-        self.scale = scale
-        self.points: list[Vector] = []
-        self.steps: list[Vector] = []
+    Differences of earlier solves with the same factors serve on: they say the same about these factors.
+    """
 
-    def next(self, x: Vector, g: Vector) -> Vector:
+    def __init__(self, weight: float = 0.0) -> None:
+        """Begin; `weight` is the time scheme's weight of the new state."""
+        self._weight = weight
+        self._dx: list[Vector] = []
+        self._dg: list[Vector] = []
+        self._last: tuple[Vector, Vector] | None = None
+
+    def of(self, weight: float) -> Mixing:
+        """Return the mixing of another solve with the same factors: this one, or a new one for other equations."""
+        if abs(weight - self._weight) > SAME_WEIGHT * abs(weight):
+            return Mixing(weight)
+        self._last = None
+        return self
+
+    def next(self, x: Vector, g: Vector, scale: Vector) -> Vector:
         """Return the next iterate from the point x and its plain step g."""
-        self.points.append(x)
-        self.steps.append(g)
-        del self.points[: -DEPTH - 1], self.steps[: -DEPTH - 1]
-        if len(self.points) == 1:
+        if self._last is not None:
+            self._dx.append(x - self._last[0])
+            self._dg.append(g - self._last[1])
+            del self._dx[:-DEPTH], self._dg[:-DEPTH]
+        self._last = x, g
+        if not self._dx:
             return x + g
-        dx = np.diff(np.array(self.points), axis=0).T
-        dg = np.diff(np.array(self.steps), axis=0).T
-        weights = np.linalg.lstsq(dg / self.scale[:, None], g / self.scale, rcond=None)[0]
-        return np.asarray(x + g - (dx + dg) @ weights)
+        dx, dg = np.array(self._dx), np.array(self._dg)
+        weights = np.linalg.lstsq((dg / scale).T, g / scale, rcond=DEPENDENT)[0]
+        return np.asarray(x + g - weights @ (dx + dg))
 
 
 class Newton:
@@ -72,6 +90,7 @@ class Newton:
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False
+        self._mixing = Mixing()
         self._update = system.state.vec.CreateVector()
 
     def solve(self, tolerance: float, max_iterations: int) -> Solution:
@@ -98,7 +117,8 @@ class Newton:
         scale = self._scale_vector(scales)
         if self._needs_renewal():
             self._renew(solution)
-        mixing, history = Mixing(scale), []
+        self._mixing = self._mixing.of(self.system.new_weight.Get())
+        history: list[float] = []
         always_renew, first = self._always, 0.0
         best = self.system.values[self.free].copy()
         while solution.iterations < max_iterations:
@@ -117,13 +137,13 @@ class Newton:
             history.append(change)
             best = x if change == min(history) else best
             if not always_renew and not self._too_slow(history):
-                self.system.values[self.free] = mixing.next(x, step)
+                self.system.values[self.free] = self._mixing.next(x, step, scale)
                 continue
             always_renew = always_renew or solution.factorisations >= 2
             # the best state may be that of the factors, where renewing them would change nothing
             self.system.values[self.free] = (best + x) / 2 if self._grown(history) else x + step
             self._renew(solution)
-            mixing, history = Mixing(scale), []
+            history = []
         raise SolverError(self._complaint(solution, scales))
 
     def _plain_step(self) -> Vector:
@@ -142,6 +162,7 @@ class Newton:
         self.system.apply_inflow()
         self.factorisation.renew(self.system.state.vec)
         self._factored_weight = self.system.new_weight.Get()
+        self._mixing = Mixing(self._factored_weight)
         self._stale = False
         solution.factorisations += 1
 

@@ -112,17 +112,22 @@ def test_mixing_solves_a_linear_problem_in_as_many_steps_as_unknowns() -> None:
     matrix = scale[:, None] * (-2.5 * np.eye(n) + 0.8 * rng.standard_normal((n, n))) / scale
     solution = scale * rng.standard_normal(n)
     assert np.abs(np.linalg.eigvals(np.eye(n) + matrix)).max() > 1.2
-    mixing, x, errors = Mixing(scale), np.zeros(n), []
+    mixing, x, errors = Mixing(), np.zeros(n), []
     for _ in range(n + 2):
-        x = mixing.next(x, matrix @ (x - solution))
+        x = mixing.next(x, matrix @ (x - solution), scale)
         errors.append(np.abs((x - solution) / scale).max())
     assert errors[0] > 0.1
     assert errors[n] < 1e-9
-    assert len(Mixing(scale).points) == 0
+    other = scale * rng.standard_normal(n)
+    again = mixing.of(0.0)
+    x = again.next(x, matrix @ (x - other), scale)
+    assert np.abs((x - other) / scale).max() < 1e-6  # what was learnt of the matrix serves for another right side
+    x = mixing.of(1.0).next(x, np.ones(n), scale)
+    assert x == pytest.approx(other + 1.0, rel=1e-5)  # and not for another matrix
 
 
 def test_first_step_of_mixing_is_plain() -> None:
-    assert Mixing(np.ones(2)).next(np.array([1.0, 2.0]), np.array([0.5, -1.0])) == pytest.approx([1.5, 1.0])
+    assert Mixing().next(np.array([1.0, 2.0]), np.array([0.5, -1.0]), np.ones(2)) == pytest.approx([1.5, 1.0])
 
 
 def test_solution(make: Make) -> None:
