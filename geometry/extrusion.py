@@ -1,7 +1,7 @@
 """Meshes of straight segments: a meshed plane section is extruded along z.
 
 Netgen's own way to prisms (`CloseSurfaces` and `ZRefinement`) identifies points of opposite planes and ends the
-process for unlucky dimensions. Here Netgen only triangulates the tissue of one section (plane.py). The mesh carries a
+process for unlucky dimensions. Here Netgen only triangulates (parts of) one section. The mesh carries a
 CSG geometry of its planes and cylinders, so `Curve(order)` puts it onto them, also after saving and loading. Normals
 of outer boundaries point out of the body, those of faces between regions away from the vein's axis.
 """

@@ -1,4 +1,4 @@
-"""Meshes of a plane section bounded by circles: triangulated tissue, and a vein filled ring by ring."""
+"""Meshes of a plane section bounded by circles and straight sides: triangulated tissue, a vein filled ring by ring."""
 
 from __future__ import annotations
 

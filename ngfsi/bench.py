@@ -1,7 +1,7 @@
 """Benchmarks of speed: whole runs as processes of their own, by turns, so that both meet the same moods of the machine.
 
-What is stored and shown are ratios to the case as it is; seconds are of one machine on one day. The named cases and
-variants are in `studies.speed`.
+What counts are ratios to the case as it is; seconds, which are stored beside, are of one machine on one day. The named
+cases and variants are in `studies.speed`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -23,8 +23,9 @@ from typing import Any
 from rich.table import Table
 
 from ngfsi.case import Case
-from ngfsi.errors import OutputError, SolverError, unknown
-from ngfsi.output.provenance import versions
+from ngfsi.domain import Domain
+from ngfsi.errors import OutputError, SolverError, needs_clone, unknown
+from ngfsi.output.provenance import commit, machine, versions
 from ngfsi.output.stored import open_run
 from ngfsi.output.table import explained
 
@@ -83,7 +84,7 @@ def take(case: Case, steps: int | None = None) -> Sample:
         seconds = perf_counter() - started
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
-            raise SolverError(f"the run of '{case.name}' failed: {said.strip()}")
+            raise SolverError(said.strip().removeprefix("ngfsi: "))
         stored = open_run(results)
         manifest, costs = stored.manifest, stored.costs
     phases = {str(name): float(value) for name, value in manifest["seconds"].items()}
@@ -95,7 +96,7 @@ def take(case: Case, steps: int | None = None) -> Sample:
         steps=len(costs["step"]),
         iterations=int(costs["iterations"].sum()),
         factorisations=int(manifest["factorisations"]),
-        whole_s=seconds + (planned - count) * float(costs["wall_s"].sum()) / count,
+        whole_s=seconds + (planned - count) * (float(costs["wall_s"].sum()) / count + phases["measures"] / (count + 1)),
         phases=phases,
     )
 
@@ -152,7 +153,9 @@ class Comparison:
         path = folder / f"{self.name}.json"
         with explained(path):
             folder.mkdir(parents=True, exist_ok=True)
-            content = asdict(self) | {"versions": versions()}
+            ratios = {name: {q: self.ratios(name, q) for q in QUANTITIES} for name in self._variants()}
+            about = {"versions": versions(), "commit": commit(), "machine": machine()}
+            content = asdict(self) | {"ratios": ratios} | about
             path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         return path
 
@@ -162,41 +165,57 @@ class Comparison:
 
 def compare(
     name: str, case: Case, variants: Mapping[str, Case], pairs: int, steps: int | None = None,
-    say: Callable[[str], None] = lambda _: None,
+    say: Callable[[str], None] = lambda _: None, folder: Path | None = None,
 ) -> Comparison:  # fmt: skip
-    """Run a case and its variants by turns.
+    """Run a case and its variants by turns, every other round backwards, so that a steady drift does not count.
 
     Args:
         pairs: number of rounds.
         steps: run only the first ones.
         say: takes a line after each run.
+        folder: where the complete rounds are stored if a run fails.
 
     Raises:
-        SolverError: a run failed.
+        SolverError: a run failed; says which.
     """
     planned = round(case.time.end / case.time.step)
     everything = {PLAIN: case, **variants}
-    samples: dict[str, list[Sample]] = {label: [] for label in everything}
+    for one in everything.values():
+        Domain.build(one.geometry)  # all find their mesh in the cache
+    rounds: list[dict[str, Sample]] = []
     for number in range(pairs):
-        for label, one in everything.items():
-            found = take(one, steps)
-            samples[label].append(found)
-            took = f"{found.seconds:.1f} s, {found.factorisations} factorisations"
+        found: dict[str, Sample] = {}
+        for label in list(everything)[:: -1 if number % 2 else 1]:
+            try:
+                found[label] = take(everything[label], steps)
+            except SolverError as error:
+                if folder and rounds:
+                    _comparison(name, steps, planned, everything, rounds).write(folder)
+                raise SolverError(f"{name}, {label}, run {number + 1} of {pairs}: {error}") from error
+            took = f"{found[label].seconds:.1f} s, {found[label].factorisations} factorisations"
             say(f"{name}, {label}, {number + 1} of {pairs}: {took}")
+        rounds.append(found)
+    return _comparison(name, steps, planned, everything, rounds)
+
+
+def _comparison(
+    name: str, steps: int | None, planned: int, labels: Iterable[str], rounds: Sequence[Mapping[str, Sample]]
+) -> Comparison:
+    samples = {label: [found[label] for found in rounds] for label in labels}
     return Comparison(name, min(steps or planned, planned), planned, samples)
 
 
 def named(kind: str, names: Sequence[str]) -> dict[str, Any]:
-    """Return the named entries of CASES or VARIANTS of `studies.speed`; without names the cases of its SHORT.
+    """Return the named entries of CASES or VARIANTS of `studies.speed`; without names the SHORT cases, no variants.
 
     Raises:
         OutputError: there is no clone around the engine, or a name is unknown.
     """
     if find_spec("studies") is None:
-        raise OutputError("the cases are not installed: they work from a clone of the project, installed with pip -e")
+        raise OutputError(needs_clone("cases"))
     speed = import_module("studies.speed")
     known: dict[str, Any] = getattr(speed, kind)
     for name in names:
         if name not in known:
             raise OutputError(unknown("case" if kind == "CASES" else "variant", name, known))
-    return {name: known[name] for name in names or speed.SHORT}
+    return {name: known[name] for name in names or (speed.SHORT if kind == "CASES" else ())}

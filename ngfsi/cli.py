@@ -21,7 +21,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ngfsi.errors import CaseError, NgfsiError, OutputError, unknown
+from ngfsi.errors import CaseError, NgfsiError, OutputError, needs_clone, unknown
 
 INTERRUPTED = 130
 
@@ -158,9 +158,10 @@ def bench(
 ) -> None:
     """Measure time, memory and counts of whole runs.
 
-    Prints ratios to a variant, median and spread, and writes them as JSON and figure.
+    Prints medians and a variant's ratios to the case as it is, with their spread; writes every run as JSON, and a
+    figure of the seconds by kind of work.
 
-    Example: ngfsi bench calf-demo --against textbook --pairs 2 --steps 10
+    Example: ngfsi bench calf-demo --against textbook --pairs 2 --steps 5
     """
     from ngfsi import bench as engine
     from ngfsi.output.figures import stacked_bars
@@ -170,7 +171,7 @@ def bench(
     with _interruptible(output):
         for name, case in engine.named("CASES", names or ()).items():
             changed = {label: change(case) for label, change in variants.items()}
-            found = engine.compare(name, case, changed, pairs, steps, _say)
+            found = engine.compare(name, case, changed, pairs, steps, _say, output)
             path = found.write(output)
             stacked_bars(found.phases(), "s", path.with_suffix(".png"))
             console().print(found.table())
@@ -248,7 +249,7 @@ def find_study(name: str) -> Any:
         OutputError: there is no such study, or no clone around the engine to hold studies.
     """
     if find_spec("studies") is None:
-        raise OutputError("the studies are not installed: they work from a clone of the project, installed with pip -e")
+        raise OutputError(needs_clone("studies"))
     package = import_module("studies")
     modules = [info.name for info in iter_modules(package.__path__)]
     if name in modules and (compute := getattr(import_module(f"studies.{name}"), "study", None)):

@@ -25,10 +25,8 @@ def test_counts_do_not_get_worse() -> None:
     counts = {name: getattr(found, name) for name in RECORDED}
     assert all(counts[name] <= RECORDED[name] for name in RECORDED), counts
     assert found.steps == 5
-    assert sum(found.phases.values()) == pytest.approx(found.seconds, rel=1e-12)
     assert {"assembly", "factorisation", "residuals", "solves"} <= set(found.phases)
     assert min(found.phases.values()) > 0
-    assert found.whole_s == found.seconds
 
 
 def test_work_inside_of_other_work_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,8 +44,9 @@ SAMPLE = bench.Sample(10.0, 100.0, 1000, 5, 20, 2, 10.0, {"assembly": 6.0, bench
 
 
 def test_pairs_are_taken_by_turns(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A machine that gets slower all the time spoils seconds, and ratios little."""
+    """A machine that gets slower by half with every run does not spoil the median of the ratios."""
     order: list[str] = []
+    meshed: list[Any] = []
 
     def take(case: Case, _steps: int | None) -> Any:
         order.append(case.solver.linearise)
@@ -56,17 +55,20 @@ def test_pairs_are_taken_by_turns(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 
     monkeypatch.setattr(bench, "take", take)
     tiny = CASES["tiny"]
-    found = bench.compare("tiny", tiny, {"newton": VARIANTS["newton"](tiny)}, pairs=3)
-    assert order == ["when slow", "always"] * 3
-    assert found.ratios("newton", "whole_s") == pytest.approx([4.5] * 3)
+    monkeypatch.setattr(bench.Domain, "build", meshed.append)
+    found = bench.compare("tiny", tiny, {"newton": VARIANTS["newton"](tiny)}, pairs=4)
+    assert order == ["when slow", "always", "always", "when slow"] * 2
+    assert len(meshed) == 2
+    assert found.ratios("newton", "whole_s") == pytest.approx([4.5, 2.0, 4.5, 2.0])
     assert found.phases()["assembly"] == {bench.PLAIN: 6.0, "newton": 6.0}
     stored = json.loads(found.write(tmp_path).read_text())
-    assert len(stored["samples"]["newton"]) == 3
+    assert len(stored["samples"]["newton"]) == 4
+    assert stored["ratios"]["newton"]["factorisations"] == [1.0] * 4
     assert "ngsolve" in stored["versions"]
 
 
 def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three of five steps of 2 s each in a process of 10 s: the whole takes 14 s."""
+    """Three of five steps of 2 s each, and four measures of 0.5 s, in a process of 10 s: the whole takes 15 s."""
 
     class Process:
         pid, stderr = 1, type("Pipe", (), {"read": staticmethod(lambda: "")})()
@@ -78,7 +80,7 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
     usage = type("Usage", (), {"ru_maxrss": 2048.0})()
     clock = iter([0.0, 10.0])
     stored = type("Run", (), {
-        "manifest": {"seconds": {"assembly": 7.0}, "unknowns": 9, "factorisations": 1},
+        "manifest": {"seconds": {"assembly": 5.0, "measures": 2.0}, "unknowns": 9, "factorisations": 1},
         "costs": {name: np.full(3, value) for name, value in
                   (("step", 1.0), ("iterations", 4.0), ("wall_s", 2.0))},
     })()  # fmt: skip
@@ -88,14 +90,19 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "open_run", lambda _: stored)
     found = bench.take(CASES["tiny"], steps=3)
     assert ran[0].time.end == pytest.approx(0.03)
-    assert (found.seconds, found.whole_s, found.iterations, found.memory) == (10.0, 14.0, 12, 2.0)
-    assert found.phases == {"assembly": 7.0, bench.OUTSIDE: 3.0}
+    assert (found.seconds, found.whole_s, found.iterations, found.memory) == (10.0, 15.0, 12, 2.0)
+    assert found.phases == {"assembly": 5.0, "measures": 2.0, bench.OUTSIDE: 3.0}
 
 
-def test_a_run_that_fails_says_why() -> None:
-    hopeless = CASES["tiny"].replace(**{"solver.max_iterations": 1})
-    with pytest.raises(bench.SolverError, match=r"the run of 'vein' failed: ngfsi: .*did not converge"):
-        bench.take(hopeless)
+def test_a_run_that_fails_is_named_and_the_rounds_before_it_are_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    tiny, take, answers = CASES["tiny"], bench.take, iter([SAMPLE, SAMPLE])
+    monkeypatch.setattr(bench, "take", lambda case, steps: next(answers, None) or take(case, steps))
+    hopeless = tiny.replace(**{"solver.max_iterations": 1})
+    with pytest.raises(bench.SolverError, match=r"^tiny, hopeless, run 2 of 5: .*did not converge"):
+        bench.compare("tiny", tiny, {"hopeless": hopeless}, pairs=5, folder=tmp_path)
+    assert len(json.loads((tmp_path / "tiny.json").read_text())["samples"]["hopeless"]) == 1
 
 
 @pytest.mark.parametrize(

@@ -112,10 +112,16 @@ def test_signals(tmp_path: Path) -> None:
     module = fake()
     module.CASE, module.REFERENCES = Benchmark("A fake", "nothing", "itself", compute), module.REFERENCES[:1]
     verify.verify("swing", module, "ci").write(tmp_path / FOLDER)
+    kept = Result.read(tmp_path / FOLDER / "swing.json").signals["k = 2"]
+    assert kept.columns == ("time_s", "drag_n")
+    assert kept.rows.tolist() == [[0.0, 5.0], [0.5, 5.5]]
     assert (tmp_path / FOLDER / "swing-k-2.csv").read_text() == "time_s,drag_n\n0,5\n0.5,5.5\n"
     text = write_page(tmp_path).read_text()
     assert "![k = 2 over time](verification/swing-k-2.png)" in text
     assert (tmp_path / FOLDER / "swing-k-2.png").stat().st_size > 10_000
+    module.CASE = fake().CASE
+    verify.verify("swing", module, "ci").write(tmp_path / FOLDER)
+    assert {path.name for path in (tmp_path / FOLDER).iterdir()} == {"swing.json"}
 
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,8 @@ The rule of renewal, in one place:
   before a step   the time scheme's weight of the new state differs from that of the factors by more than 20 %
                   (`Newton.solve`), or the step before needed more than `SLOW` iterations;
   within a step   `PATIENCE` iterations do not reduce the change to a third, or it grows to `GROWTH` times the first.
-Newton's method that makes the change grow as much has diverged, and the solve is given up.
+With solver.linearise = "always" it happens before every update. Newton's method that makes the change grow as much has
+diverged, and the solve is given up.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ PATIENCE = 4
 GROWTH = 20.0
 WEIGHT_DRIFT = 1.2
 DEPTH = 20
-SAME_WEIGHT = 1e-6
-"""Relative difference of the weights of steps that are as long but for rounding."""
+SAME_EQUATIONS = 1e-6
+"""Relative difference of the parameters of steps that are as long but for rounding."""
 DEPENDENT = 1e-12
 """Differences that depend on each other up to this share add nothing."""
 
@@ -51,17 +52,17 @@ class Mixing:
     Differences of earlier solves with the same factors serve on: they say the same about these factors.
     """
 
-    def __init__(self, weight: float = 0.0) -> None:
-        """Begin; `weight` is the time scheme's weight of the new state."""
-        self._weight = weight
+    def __init__(self, *equations: float) -> None:
+        """Begin; `equations`: parameters of which the derivatives depend."""
+        self._equations = np.array(equations)
         self._dx: list[Vector] = []
         self._dg: list[Vector] = []
         self._last: tuple[Vector, Vector] | None = None
 
-    def of(self, weight: float) -> Mixing:
+    def of(self, *equations: float) -> Mixing:
         """Return the mixing of another solve with the same factors: this one, or a new one for other equations."""
-        if abs(weight - self._weight) > SAME_WEIGHT * abs(weight):
-            return Mixing(weight)
+        if not np.allclose(equations, self._equations, rtol=SAME_EQUATIONS, atol=0.0):
+            return Mixing(*equations)
         self._last = None
         return self
 
@@ -90,7 +91,7 @@ class Newton:
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False
-        self._mixing = Mixing()
+        self._mixing = Mixing(*self._equations())
         self._update = system.state.vec.CreateVector()
 
     def solve(self, tolerance: float, max_iterations: int) -> Solution:
@@ -117,7 +118,7 @@ class Newton:
         scale = self._scale_vector(scales)
         if self._needs_renewal():
             self._renew(solution)
-        self._mixing = self._mixing.of(self.system.new_weight.Get())
+        self._mixing = self._mixing.of(*self._equations())
         history: list[float] = []
         always_renew, first = self._always, 0.0
         best = self.system.values[self.free].copy()
@@ -158,11 +159,15 @@ class Newton:
         now, then = self.system.new_weight.Get(), self._factored_weight
         return bool(max(now, then) > WEIGHT_DRIFT * min(now, then))
 
+    def _equations(self) -> tuple[float, float]:
+        """Return what the derivatives depend on beside the state: the weight of the new state, the blood's density."""
+        return self.system.new_weight.Get(), self.system.blood_density.Get()
+
     def _renew(self, solution: Solution) -> None:
         self.system.apply_inflow()
         self.factorisation.renew(self.system.state.vec)
         self._factored_weight = self.system.new_weight.Get()
-        self._mixing = Mixing(self._factored_weight)
+        self._mixing = Mixing(*self._equations())
         self._stale = False
         solution.factorisations += 1
 

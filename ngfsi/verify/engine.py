@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.errors import NgfsiError, OutputError, unknown
+from ngfsi.errors import NgfsiError, OutputError, needs_clone, unknown
 
 Setting = Mapping[str, Any]
 """What a computation of a series is made with; `h`, the size that is refined, is for the order of convergence."""
@@ -151,8 +151,11 @@ class Result:
         return all(row.passed for row in self.rows)
 
     def write(self, folder: Path) -> None:
-        """Store the result as JSON, and signals as CSV."""
+        """Store the result as JSON, and signals as CSV, in place of an older result."""
         folder.mkdir(parents=True, exist_ok=True)
+        for ending in ("csv", "png"):
+            for old in folder.glob(f"{self.name}-*.{ending}"):
+                old.unlink()
         for series, signals in self.signals.items():
             signals.write(self.file(folder, series, "csv"))
         data = asdict(replace(self, signals={})) | {"signals": list(self.signals)}
@@ -181,9 +184,7 @@ def benchmarks() -> dict[str, ModuleType]:
     try:
         package = import_module("studies.verification")
     except ModuleNotFoundError:
-        raise OutputError(
-            "the benchmarks are not installed: they work from a clone of the project, installed with pip -e"
-        ) from None
+        raise OutputError(needs_clone("benchmarks")) from None
     modules = (import_module(f"{package.__name__}.{info.name}") for info in iter_modules(package.__path__))
     return {module.__name__.rpartition(".")[2]: module for module in modules if hasattr(module, "CASE")}
 

@@ -8,12 +8,10 @@ from ngfsi.measure.force import Force
 from ngfsi.solve.initial import steady_flow
 from ngfsi.solve.linear import choose_backend
 from ngfsi.verify import Benchmark, Reference, Setting, Values
-from studies.verification.dfg_cylinder import FLUID, coefficient
+from studies.verification.dfg_cylinder import FLUID, SPEED, coefficient
 from studies.verification.plane import at_rest, case_of, refined
 
 DUCT = CylinderInDuct(mesh=CylinderMesh(far_size=0.15, cylinder_size=0.03, grading=0.3))
-SPEED = 0.2
-"""Mean velocity (m/s) at a Reynolds number of 20."""
 
 
 def compute(setting: Setting) -> Values:

@@ -1,4 +1,4 @@
-"""Plane flow around a cylinder, and a beam behind it, solved with the coupled system: of no benchmark by itself."""
+"""Cases given by geometry, flow and materials, their refinement and their march in time: of no benchmark by itself."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SAVED_EVERY = 60.0
 
 
 def case_of(geometry: Any, flow: float, materials: Materials, **more: Any) -> Case:
-    """Return the case of a steady flow (m3/s; per metre of depth in the plane), with the order of the curving.
+    """Return the case of a constant flow (m3/s; per metre of depth in the plane), with the order of the curving.
 
     Args:
         more: changes of the case.

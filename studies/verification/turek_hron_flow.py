@@ -49,7 +49,7 @@ def compute(setting: Setting) -> Values | tuple[Values, Signals]:
     name, geometry = setting["case"], refined(BEAM_IN_CHANNEL, setting["order"], setting["h"])
     if name == "CFD3":
         case = rising_case(name, geometry, setting["step"], setting["end"])
-        shedding = Kicked(case, at_rest(case)[1])
+        shedding = Kicked(case, Domain.build(case.geometry))
         force = force_on_obstacle(shedding)
         rows = march(shedding, Newton(shedding, choose_backend("auto"), "w", "p"), force)
         return oscillations(rows, "drag", "lift"), Signals(("time_s", "drag_n", "lift_n"), rows)

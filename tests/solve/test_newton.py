@@ -40,7 +40,7 @@ class Algebraic:
             blocks=PARTS, size=SIZE, free=lambda *names: mask & self._of(names), equations=np.arange(SIZE)
         )
         self.state = SimpleNamespace(vec=BaseVector(SIZE))
-        self.new_weight = Parameter(10.0)
+        self.new_weight, self.blood_density = Parameter(10.0), Parameter(1060.0)
         self.form = None
         self.inflow_calls = 0
         self._residual = BaseVector(SIZE)
@@ -112,17 +112,17 @@ def test_mixing_solves_a_linear_problem_in_as_many_steps_as_unknowns() -> None:
     matrix = scale[:, None] * (-2.5 * np.eye(n) + 0.8 * rng.standard_normal((n, n))) / scale
     solution = scale * rng.standard_normal(n)
     assert np.abs(np.linalg.eigvals(np.eye(n) + matrix)).max() > 1.2
-    mixing, x, errors = Mixing(), np.zeros(n), []
+    mixing, x, errors = Mixing(10.0, 1060.0), np.zeros(n), []
     for _ in range(n + 2):
         x = mixing.next(x, matrix @ (x - solution), scale)
         errors.append(np.abs((x - solution) / scale).max())
     assert errors[0] > 0.1
     assert errors[n] < 1e-9
     other = scale * rng.standard_normal(n)
-    again = mixing.of(0.0)
+    again = mixing.of(10.0 + 1e-9, 1060.0)
     x = again.next(x, matrix @ (x - other), scale)
     assert np.abs((x - other) / scale).max() < 1e-6  # what was learnt of the matrix serves for another right side
-    x = mixing.of(1.0).next(x, np.ones(n), scale)
+    x = mixing.of(10.0, 0.0).next(x, np.ones(n), scale)
     assert x == pytest.approx(other + 1.0, rel=1e-5)  # and not for another matrix
 
 
