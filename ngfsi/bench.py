@@ -10,7 +10,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -28,6 +28,7 @@ from ngfsi.errors import OutputError, SolverError, needs_clone, unknown
 from ngfsi.output.provenance import commit, machine, versions
 from ngfsi.output.stored import open_run
 from ngfsi.output.table import explained
+from ngfsi.solve.initial import Say, silent
 
 PLAIN = "as it is"
 OUTSIDE = "start of Python, and what no phase knows"
@@ -69,7 +70,7 @@ def take(case: Case, steps: int | None = None) -> Sample:
     Raises:
         SolverError: the run failed; says why.
     """
-    planned = round(case.time.end / case.time.step)
+    planned = case.time.steps
     count = min(steps or planned, planned)
     with TemporaryDirectory(prefix="ngfsi-bench-") as folder:
         file, results = Path(folder) / "case.toml", Path(folder) / "run"
@@ -165,7 +166,7 @@ class Comparison:
 
 def compare(
     name: str, case: Case, variants: Mapping[str, Case], pairs: int, steps: int | None = None,
-    say: Callable[[str], None] = lambda _: None, folder: Path | None = None,
+    say: Say = silent, folder: Path | None = None,
 ) -> Comparison:  # fmt: skip
     """Run a case and its variants by turns, every other round backwards, so that a steady drift does not count.
 
@@ -178,7 +179,6 @@ def compare(
     Raises:
         SolverError: a run failed; says which.
     """
-    planned = round(case.time.end / case.time.step)
     everything = {PLAIN: case, **variants}
     for one in everything.values():
         Domain.build(one.geometry)  # all find their mesh in the cache
@@ -190,18 +190,19 @@ def compare(
                 found[label] = take(everything[label], steps)
             except SolverError as error:
                 if folder and rounds:
-                    _comparison(name, steps, planned, everything, rounds).write(folder)
+                    _comparison(name, steps, case, everything, rounds).write(folder)
                 raise SolverError(f"{name}, {label}, run {number + 1} of {pairs}: {error}") from error
             took = f"{found[label].seconds:.1f} s, {found[label].factorisations} factorisations"
             say(f"{name}, {label}, {number + 1} of {pairs}: {took}")
         rounds.append(found)
-    return _comparison(name, steps, planned, everything, rounds)
+    return _comparison(name, steps, case, everything, rounds)
 
 
 def _comparison(
-    name: str, steps: int | None, planned: int, labels: Iterable[str], rounds: Sequence[Mapping[str, Sample]]
+    name: str, steps: int | None, case: Case, labels: Iterable[str], rounds: Sequence[Mapping[str, Sample]]
 ) -> Comparison:
     samples = {label: [found[label] for found in rounds] for label in labels}
+    planned = case.time.steps
     return Comparison(name, min(steps or planned, planned), planned, samples)
 
 

@@ -9,6 +9,7 @@ import hashlib
 import json
 import re
 import tomllib
+from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -100,6 +101,10 @@ class Discretisation(Section):
     """Factor on the equation of the mesh motion, without influence on the result."""
 
 
+SAME_TIME = 1e-9
+"""Times closer than this share of the nominal step are one."""
+
+
 class TimeStepping(Section):
     """Time scheme and steps."""
 
@@ -108,6 +113,11 @@ class TimeStepping(Section):
     end: Time = Field(gt=0)
     smallest_step: Time = Field(default_factory=lambda given: given["step"] / 64, gt=0)
     """A step that fails is halved down to this; default: a 64th of the step."""
+
+    @property
+    def steps(self) -> int:
+        """Number of nominal steps."""
+        return ceil(self.end / self.step - SAME_TIME)
 
     @model_validator(mode="after")
     def _steps_fit(self) -> Self:

@@ -126,13 +126,14 @@ def verify(
     Example: ngfsi verify poiseuille lame --level full
     """
     from ngfsi.output.summary import console
+    from ngfsi.solve.initial import silent
     from ngfsi.verify import engine
     from ngfsi.verify.page import FOLDER, terminal_table, write_page
 
     results = []
     with _interruptible(output):
         for name, module in engine.chosen(names or ()).items():
-            result = engine.verify(name, module, level.value, (lambda _: None) if quiet else _say)
+            result = engine.verify(name, module, level.value, silent if quiet else _say)
             result.write(output / FOLDER)
             results.append(result)
         page = write_page(output)

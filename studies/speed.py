@@ -12,7 +12,7 @@ from ngfsi.units import MMHG
 from studies.compare_tissues import LEVELS, MAIN, case
 
 
-def _vein(mesh: MeshSettings, end: float = 0.2, *, native: bool = False) -> Case:
+def _vein(mesh: MeshSettings, end: float = 0.2) -> Case:
     """Return a straight vein in a cylinder of Mooney-Rivlin tissue, clamped, under 10 mmHg after 0.2 s."""
     return Case(
         name="vein",
@@ -24,7 +24,7 @@ def _vein(mesh: MeshSettings, end: float = 0.2, *, native: bool = False) -> Case
         conditions=Conditions(ends="clamped"),
         discretisation=Discretisation(order=2),
         time=TimeStepping(step=0.01, end=end, scheme="backward_euler"),
-        solver=Solver(compile=native),
+        solver=Solver(compile=False),
         output=Output(fields_every=0),
     )
 

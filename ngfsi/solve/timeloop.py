@@ -9,15 +9,12 @@ from time import perf_counter
 
 import numpy as np
 
-from ngfsi.case import Case
+from ngfsi.case import SAME_TIME, Case
 from ngfsi.errors import SolverError
 from ngfsi.solve.initial import Say, silent
 from ngfsi.solve.newton import Newton, Solution
 from ngfsi.solve.schemes import weights
 from ngfsi.solve.system import System, Vector
-
-SAME_TIME = 1e-9
-"""Times closer than this share of the nominal step are one."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +96,7 @@ class TimeLoop:
     def _plan(self) -> list[float]:
         """Return the times that must be hit: the nominal grid and the kinks of the loads."""
         time = self.case.time
-        count = ceil(time.end / time.step - SAME_TIME)
-        grid = [min(k * time.step, time.end) for k in range(1, count + 1)]
+        grid = [min(k * time.step, time.end) for k in range(1, time.steps + 1)]
         for kink in self.case.loads.breakpoints:
             if 0 < kink < time.end and min(abs(kink - t) for t in grid) > SAME_TIME * time.step:
                 grid.append(kink)

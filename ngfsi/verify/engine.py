@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import NgfsiError, OutputError, needs_clone, unknown
+from ngfsi.solve.initial import Say, silent
 
 Setting = Mapping[str, Any]
 """What a computation of a series is made with; `h`, the size that is refined, is for the order of convergence."""
@@ -207,7 +208,7 @@ def chosen(names: Iterable[str]) -> dict[str, ModuleType]:
     return {name: known[name] for name in names} or known
 
 
-def verify(name: str, module: ModuleType, level: str, say: Callable[[str], None] = lambda _: None) -> Result:
+def verify(name: str, module: ModuleType, level: str, say: Say = silent) -> Result:
     """Compute a benchmark at a level and hold it against its references.
 
     Args:
