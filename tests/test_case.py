@@ -249,3 +249,11 @@ def test_a_case_is_not_changed_by_reading(case: Case) -> None:
     assert Case.from_dict(data) == case
     assert data == before
     assert hash(case) == hash(Case.from_dict(data))
+
+
+@pytest.mark.parametrize(
+    ("step", "end", "steps"), [(0.01, 1.5, 150), (0.05, 1.0, 20), (0.1, 0.3, 3), (0.07, 1.4, 20), (0.2, 1.1, 6)]
+)
+def test_number_of_nominal_steps(step: float, end: float, steps: int) -> None:
+    """Quotients that miss a whole number by rounding are that number; a rest is a step of its own."""
+    assert TimeStepping(step=step, end=end).steps == steps

@@ -52,7 +52,7 @@ def compute(setting: Setting) -> tuple[Values, Signals]:
         spline = CubicSpline(times, values)
         at = max((t for t in spline.derivative().roots(extrapolate=False) if times[2] < t < times[-1]), key=spline)
         found |= {f"{name}, largest": float(spline(at)), f"{name}, time of the largest": float(at)}
-    columns = ("time_s", "drag_coefficient", "lift_coefficient", "pressure_difference_pa")
+    columns = ("time_s", "drag_coefficient", "lift_coefficient", "pressure_difference_Pa")
     return found | {"pressure difference at the end": float(difference[-1])}, Signals(columns, rows)
 
 

@@ -52,7 +52,7 @@ def compute(setting: Setting) -> Values | tuple[Values, Signals]:
         shedding = Kicked(case, Domain.build(case.geometry))
         force = force_on_obstacle(shedding)
         rows = march(shedding, Newton(shedding, choose_backend("auto"), "w", "p"), force)
-        return oscillations(rows, "drag", "lift"), Signals(("time_s", "drag_n", "lift_n"), rows)
+        return oscillations(rows, "drag", "lift"), Signals(("time_s", "drag_N", "lift_N"), rows)
     system, _ = at_rest(flow_case(name, geometry.replace(**SHARP)))
     steady_flow(system, choose_backend("auto"))
     drag, lift = force_on_obstacle(system)()

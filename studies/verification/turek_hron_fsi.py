@@ -45,7 +45,7 @@ def _periodic(case: Case) -> tuple[Values, Signals]:
         return np.concatenate([tip_motion(system), force()])
 
     rows = march(system, Newton(system, choose_backend("auto")), measure)
-    signals = Signals(("time_s", "ux_m", "uy_m", "drag_n", "lift_n"), rows)
+    signals = Signals(("time_s", "ux_m", "uy_m", "drag_N", "lift_N"), rows)
     return oscillations(rows, "ux", "uy", "drag", "lift"), signals
 
 
