@@ -139,8 +139,6 @@ class Solver(Section):
     iteration, which is Newton's method as in textbooks, to compare with."""
     linear: Literal["auto", "pardiso", "umfpack"] = "auto"
     """auto: pardiso where MKL is installed, else umfpack."""
-    compile: bool = True
-    """Compile the forms to machine code where a C++ compiler is found: costs about 25 s, and pays from 50 steps on."""
 
 
 class Output(Section):

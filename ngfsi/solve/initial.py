@@ -123,7 +123,7 @@ def _relax(system: System, backend: Backend) -> int:
     space = system.unknowns.space.components[0]
     relaxation, given = GridFunction(space), Id(system.domain.mesh.dim)
     trial, test = space.TnT()
-    form = BilinearForm(space, condense=system.form.condense, check_unused=False)
+    form = BilinearForm(space, condense=system.tangent.condense, check_unused=False)
     for name, law in system.solids.items():
         unloaded = Inv(given + ng.Grad(trial))
         work = terms.internal_work(law, given, ng.Grad(test), unloaded)

@@ -87,7 +87,7 @@ class Newton:
         self.system = system
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
-        self.factorisation = Factorisation(system.form, self.free, backend, system.unknowns.equations, system.watch)
+        self.factorisation = Factorisation(system.tangent, self.free, backend, system.unknowns.equations, system.watch)
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False

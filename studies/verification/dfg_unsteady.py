@@ -37,7 +37,6 @@ def compute(setting: Setting) -> tuple[Values, Signals]:
         "loads.inlet_flow": HalfWave(value=SPEED * CHANNEL.height),
         "time": TimeStepping(step=setting["h"], end=setting["end"]),
         "solver.tolerance": 1e-6,
-        "solver.compile": setting["end"] / setting["h"] > 500,
     }
     system, _ = at_rest(case_of(geometry, 0.0, Materials(fluid=FLUID), **changes))
     force = Force(system, "cylinder")

@@ -53,7 +53,6 @@ def run(setting: Setting) -> Array:
     changes = {
         "loads.inlet_pressure": Pulse(value=PRESSURE),
         "time": TimeStepping(step=setting["h"], end=setting["end"]),
-        "solver.compile": setting["end"] / setting["h"] > 100,
         "solver.tolerance": 1e-6,
     }
     case = case_of(geometry, 0.0, Materials(wall=SOLID, fluid=FLUID), **changes)

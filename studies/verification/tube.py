@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
-from ngfsi.case import Case, Discretisation, Loads, Materials, Solver, TimeStepping
+from ngfsi.case import Case, Discretisation, Loads, Materials, TimeStepping
 from ngfsi.curves import FlowConstant, PressureConstant
 from ngfsi.domain import Domain
 from ngfsi.materials import Newtonian, SolidLaw
@@ -62,7 +62,6 @@ def system(geometry: TubeSegment, law: SolidLaw, wall: SolidLaw, inside: float, 
         ),
         discretisation=Discretisation(order=geometry.curving_order),
         time=TimeStepping(step=0.1, end=0.1),
-        solver=Solver(compile=False),
     ).replace(**more)
     return System(case, Domain.build(geometry))
 

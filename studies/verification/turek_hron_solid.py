@@ -24,7 +24,7 @@ def compute(setting: Setting) -> Values | tuple[Values, Signals]:
     changes: dict[str, Any] = {}
     if name == "CSM3":
         step = setting["step"]
-        changes = {"time": TimeStepping(step=step, end=setting["end"]), "solver.compile": setting["end"] / step > 500}
+        changes = {"time": TimeStepping(step=step, end=setting["end"])}
     beam = DATA[name].beam
     geometry = refined(Beam(), setting["order"], setting["h"])
     case = case_of(geometry if name == "CSM3" else geometry.replace(**SHARP), 0.0, Materials(solid=beam), **changes)

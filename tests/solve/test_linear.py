@@ -26,12 +26,12 @@ def lively(request: pytest.FixtureRequest) -> System:
     """A random state with (order 3) and without (order 2) unknowns inside of elements."""
     system = system_of(case_of(BONED.replace(**{"mesh.curving_order": request.param})))
     randomise(system)
-    assert system.form.condense == (request.param == 3)
+    assert system.tangent.condense == (request.param == 3)
     return system
 
 
 def factors(system: System, backend: Backend) -> Factorisation:
-    return Factorisation(system.form, system.unknowns.free(), backend, system.unknowns.equations)
+    return Factorisation(system.tangent, system.unknowns.free(), backend, system.unknowns.equations)
 
 
 def update(system: System, backend: Backend) -> Array:
