@@ -77,7 +77,7 @@ LEVELS: dict[str, dict[str, tuple[dict[str, Any], ...]]] = {
             for name in STEADY
             for k in (2, 3, 4)
         },
-        "CFD3": ({"case": "CFD3", "order": 3, "h": 1.0, "step": 0.002, "end": 12.0},),
+        "CFD3": ({"case": "CFD3", "order": 3, "h": 0.5, "step": 0.005, "end": 12.0},),
     },
 }
 
