@@ -52,8 +52,9 @@ def _textbook(plain: Case) -> Case:
 VARIANTS: dict[str, Callable[[Case], Case]] = {
     "textbook": _textbook,
     "newton": lambda plain: plain.replace(**{"solver.linearise": "always"}),
+    "single": lambda plain: plain.replace(**{"solver.linear": "pardiso_single"}),
     "umfpack": lambda plain: plain.replace(**{"solver.linear": "umfpack"}),
     "tetrahedra": lambda plain: plain.replace(**{"geometry.mesh.element": "tetrahedron"}),
 }
 """textbook: Newton's method with a fresh factorisation by UMFPACK in every iteration, on tetrahedra; newton: that with
-the linear solver and the mesh as they are."""
+the linear solver and the mesh as they are; single: factors of single precision."""

@@ -19,8 +19,8 @@ from ngfsi.curves import FlowConstant, PressureConstant
 from ngfsi.domain import Domain
 from ngfsi.materials import CompressibleNeoHookean, Newtonian, load_set
 from ngfsi.meshing import MeshReport, quiet
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import initial_state
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.unknowns import BLOCKS

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import ngsolve as ng
 
-
 SHAPES = (ng.TRIG, ng.QUAD, ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
 
 

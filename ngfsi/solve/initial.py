@@ -10,7 +10,8 @@ from ngsolve import BilinearForm, GridFunction, Id, Inv
 
 from ngfsi.errors import SolverError
 from ngfsi.physics import terms
-from ngfsi.solve.linear import Backend, Factorisation
+from ngfsi.solve.backends import Name
+from ngfsi.solve.linear import Factorisation
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 
@@ -50,7 +51,7 @@ def initial_state(system: System, newton: Newton, say: Say = silent) -> int:
     return flow.factorisation.count + _relax(system, newton.factorisation.backend)
 
 
-def steady_flow(system: System, backend: Backend) -> Newton:
+def steady_flow(system: System, backend: Name) -> Newton:
     """Solve for the steady flow at t = 0 in the present shape, which is held, and return its solver.
 
     Raises:
@@ -113,7 +114,7 @@ def _with_inertia(system: System, newton: Newton) -> None:
             share = trial
 
 
-def _relax(system: System, backend: Backend) -> int:
+def _relax(system: System, backend: Name) -> int:
     """Find the displacement U from the given to the stress-free shape (Govindjee and Mihalic 1996).
 
     Unknown is X0 = X + U(X). Equilibrium on the given shape, d = 0, is solved for U; its residual is that of the

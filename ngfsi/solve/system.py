@@ -23,9 +23,9 @@ from ngfsi.stopwatch import Stopwatch
 Vector = NDArray[np.float64]
 
 EXTRA_ORDER = 1
-"""Integration order of the blood's terms beyond twice that of the elements, for cof(F) : grad u, the lumen's balance of mass:
-free on hexahedra of order 2, and the balance closes to 1e-7 of the flow; 2 closes it to rounding, but doubles the cost
-of the Jacobian and changes the mean wall shear by 6e-4."""
+"""Integration order of the blood's terms beyond twice that of the elements, for the lumen's balance of mass,
+cof(F) : grad u. It is free on hexahedra of order 2, and the balance closes to 1e-7 of the flow; 2 closes it to
+rounding, but doubles the cost of the Jacobian and changes the mean wall shear by 6e-4."""
 
 
 @dataclass(frozen=True)

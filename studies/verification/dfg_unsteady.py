@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from ngfsi.case import Materials, TimeStepping
 from ngfsi.curves import FlowConstant
 from ngfsi.measure.force import Force
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
 from studies.verification.dfg_cylinder import CHANNEL, FLUID, coefficient, pressure_difference

@@ -11,7 +11,7 @@ from geometry.tube import BareTube
 from ngfsi.case import Materials, TimeStepping
 from ngfsi.curves import PressureConstant
 from ngfsi.materials import Newtonian, SaintVenantKirchhoff
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.timeloop import TimeLoop
 from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values

@@ -14,8 +14,8 @@ from ngfsi.curves import FlowConstant, PressureConstant
 from ngfsi.domain import Domain
 from ngfsi.materials import Newtonian, SolidLaw
 from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import initial_state
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 

@@ -8,8 +8,8 @@ import ngsolve as ng
 
 from ngfsi.case import Case
 from ngfsi.domain import Domain
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import steady_flow
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values

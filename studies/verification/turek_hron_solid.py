@@ -8,7 +8,7 @@ import ngsolve as ng
 
 from geometry.channel import Beam
 from ngfsi.case import Materials, TimeStepping
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
 from studies.verification.plane import at_rest, body_force, case_of, march, refined

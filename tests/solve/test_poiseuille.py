@@ -12,8 +12,8 @@ from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
 from ngfsi.curves import PressureConstant
 from ngfsi.measure.probe import Probe
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import steady_flow
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.system import System
 from tests.slopes import apply
 from tests.vein import case_of, system_of

@@ -11,7 +11,7 @@ import pytest
 from ngfsi.case import Case, Solver
 from ngfsi.curves import FlowConstant, PressureConstant, PressureRamp
 from ngfsi.materials import MooneyRivlin, NeoHookean, SolidLaw
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import TimeLoop
