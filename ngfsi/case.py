@@ -97,6 +97,9 @@ class Discretisation(Section):
     mesh_motion: Literal["harmonic", "elastic"] = "harmonic"
     """How the mesh of the fluid follows the solids: by Laplace's equation, best where a wall surrounds the fluid; or as
     a Neo-Hookean solid that is stiffer where elements are small, for bodies that swing in the flow."""
+    bulk_integration: Literal["full", "reduced"] = "full"
+    """How the solids' resistance to changes of volume is integrated: reduced, at fewer points, is right for nearly
+    incompressible solids (Poisson ratios above 0.49), which lock otherwise."""
     extension_stiffness: float = Field(default=1.0, gt=0)
     """Factor on the equation of the mesh motion, without influence on the result."""
 

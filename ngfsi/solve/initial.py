@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import BilinearForm, GridFunction, Id, Inv
+from ngsolve import GridFunction, Id, Inv
 
 from ngfsi.errors import SolverError
-from ngfsi.physics import terms
 from ngfsi.solve.backends import Name
+from ngfsi.solve.forms import tangent_form
 from ngfsi.solve.linear import Factorisation
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
@@ -124,11 +124,9 @@ def _relax(system: System, backend: Name) -> int:
     space = system.unknowns.space.components[0]
     relaxation, given = GridFunction(space), Id(system.domain.mesh.dim)
     trial, test = space.TnT()
-    form = BilinearForm(space, condense=system.tangent.condense, check_unused=False)
-    for name, law in system.solids.items():
-        unloaded = Inv(given + ng.Grad(trial))
-        work = terms.internal_work(law, given, ng.Grad(test), unloaded)
-        form += work.Compile() * system.domain.dx(name)
+    unloaded = Inv(given + ng.Grad(trial))
+    parts = [part for name in system.solids for part in system.work_parts(name, given, ng.Grad(test), unloaded)]
+    form = tangent_form(space, parts, condense=system.tangent.condense)
     load = np.array(system.residual().FV().NumPy()[: space.ndof])  # of blood and skin: the tissue is not stressed yet
     free = system.unknowns.free("d")[: space.ndof]
     factorisation = Factorisation(form, free, backend)

@@ -15,7 +15,7 @@ from ngfsi.domain import Domain
 from ngfsi.materials import Newtonian
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.forms import Part, residual_form, rules, tangent_form
+from ngfsi.solve.forms import Part, reduced_rules, residual_form, rules, tangent_form
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
 from ngfsi.stopwatch import Stopwatch
@@ -124,17 +124,26 @@ class System:
         """Return the integrands of the weak form."""
         return self.solid_parts() + (self.fluid_parts() if self.domain.geometry.fluid else [])
 
+    def work_parts(self, name: str, F: Any, grad_v: Any, relaxation: Any | None) -> list[Part]:
+        """Return the virtual work of a solid's stresses, at all integration points first."""
+        order, law, dx = self.unknowns.order, self.solids[name], self.domain.dx
+        measure = dx(name, intrules=rules(2 * order))
+        if self.case.discretisation.bulk_integration == "full":
+            return [Part([terms.internal_work(law, F, grad_v, relaxation)], measure)]
+        rest, bulk = terms.internal_works(law, F, grad_v, relaxation)
+        return [Part([rest], measure), Part([bulk], dx(name, intrules=reduced_rules(order)))]
+
     def solid_parts(self) -> list[Part]:
         """Return the integrands of the solids and of the pressure on the skin."""
         trial, test = self.unknowns.space.TnT()
         m, v = trial[0], test[0]
         new, old = self.new_weight, self.acceleration_history.components[0]
         acceleration = new * (new * m + self.velocity_history.components[0]) + old
-        measure = {"intrules": rules(2 * self.unknowns.order)}
+        F, relaxation = Kinematics(ng.Grad(m)).F, self.stress_free_gradient()
         parts = []
         for name, law in self.solids.items():
-            work = terms.internal_work(law, Kinematics(ng.Grad(m)).F, ng.Grad(v), self.stress_free_gradient())
-            parts.append(Part([work, terms.inertia(law.density, acceleration, v)], self.domain.dx(name, **measure)))
+            (works, measure), *more = self.work_parts(name, F, ng.Grad(v), relaxation)
+            parts += [Part([*works, terms.inertia(law.density, acceleration, v)], measure), *more]
         if self.domain.has_boundary("skin"):
             skin, normal = Kinematics(ng.Grad(m).Trace()), ng.specialcf.normal(self.domain.mesh.dim)
             pressure = terms.follower_pressure(self.skin_pressure, skin, normal, v.Trace())

@@ -68,13 +68,14 @@ def system(geometry: TubeSegment, law: SolidLaw, wall: SolidLaw, inside: float, 
 
 def inner_radius_change(
     inner: float, wall_thickness: float, outer: float, laws: tuple[SolidLaw, SolidLaw], inside: float, outside: float,
-    *, order: int, refinement: int,
+    *, order: int, refinement: int, **more: Any,
 ) -> float:  # fmt: skip
     """Return the change (m) of the lumen's radius under pressures (Pa), from its volume, by the coupled system.
 
     Args:
         laws: of wall and of tissue.
         refinement: number of layers in the wall, twice as many in the tissue.
+        more: changes of the case.
     """
     geometry = TubeSegment(
         length=2e-3,
@@ -91,7 +92,7 @@ def inner_radius_change(
             curving_order=order,
         ),
     )
-    found = system(geometry, laws[1], laws[0], inside, outside)
+    found = system(geometry, laws[1], laws[0], inside, outside, **more)
     initial_state(found, Newton(found, choose_backend("auto")))
     motion = Kinematics(found.fields(found.state.components).grad_motion)
     volume = ng.Integrate(motion.J * found.domain.dx("fluid", bonus_intorder=8), found.domain.mesh)
