@@ -148,6 +148,10 @@ class Output(Section):
 
     fields_every: int = Field(default=10, ge=0)
     """Steps between two written fields; 0: first and last only."""
+    checkpoint_every: int = Field(default=10, ge=0)
+    """Steps between two checkpoints, from which a stopped run goes on; 0: by the clock alone."""
+    checkpoint_interval: Time = Field(default=300.0, gt=0)
+    """Seconds on the clock after which a checkpoint is due in any case."""
 
 
 class Case(Section):

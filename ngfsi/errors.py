@@ -46,6 +46,20 @@ class SolverError(NgfsiError):
     exit_code: ClassVar[int] = 3
 
 
+class StoppedError(NgfsiError):
+    """A run ended early as it was asked to; `ngfsi resume` goes on."""
+
+    exit_code: ClassVar[int] = 4
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal ended the run; no NgfsiError, so that a loop over runs that goes on after those ends as well."""
+
+    def __init__(self, sentence: str, exit_code: int) -> None:
+        super().__init__(sentence)
+        self.exit_code = exit_code
+
+
 def suggestion(given: str, known: Iterable[str]) -> str:
     """Return `did you mean 'x'? ` (with the trailing blank) for the known name nearest to `given`, else nothing."""
     candidates = sorted(known)

@@ -20,10 +20,10 @@ from pathlib import Path
 import ngfsi
 from ngfsi.case import Case
 from ngfsi.errors import NgfsiError, OutputError
+from ngfsi.output.disk import explained
 from ngfsi.output.folder import CASE
 from ngfsi.output.progress import Watch
 from ngfsi.output.stored import StoredRun, open_run
-from ngfsi.output.table import explained
 from ngfsi.run import run
 
 ENTREATIES, ENTREATY_SECONDS = 12, 5.0
