@@ -193,13 +193,13 @@ class Computation:
             probe = Probe(system)
         loop = TimeLoop(self.case, system, newton, probe.deformation.inversion, self.folder.log)
         until = self._take_up(loop) if self.start else -inf
+        stops.patient = True
         writer = FieldWriter(self.folder.path, domain, volume_fields(system), until)
         with Progress(self.case.name, end=self.case.time.end, steps=loop.steps, quiet=quiet) as progress:
             if self.start is None:
                 self._record(0.0, 0.0, probe)
                 self._write(0.0, probe, writer)
                 self._keep(loop)
-            stops.patient = True
             self._march(loop, probe, writer, progress, stops)
 
     def _take_up(self, loop: TimeLoop) -> float:
