@@ -105,6 +105,9 @@ SAME_TIME = 1e-9
 """Times closer than this share of the nominal step are one."""
 
 
+MOST_STEPS = 1_000_000
+
+
 class TimeStepping(Section):
     """Time scheme and steps."""
 
@@ -123,6 +126,8 @@ class TimeStepping(Section):
     def _steps_fit(self) -> Self:
         if self.step > self.end:
             raise ValueError(f"the step of {self.step:g} s is longer than the run, which ends at {self.end:g} s")
+        if self.end > MOST_STEPS * self.step:
+            raise ValueError(f"steps of {self.step:g} s up to {self.end:g} s would be more than {MOST_STEPS:,}")
         if self.smallest_step > self.step:
             raise ValueError(f"the smallest step of {self.smallest_step:g} s exceeds the step of {self.step:g} s")
         return self
@@ -204,6 +209,8 @@ class Case(Section):
             raise CaseError(f"the case file '{path}' is not text in UTF-8") from None
         except tomllib.TOMLDecodeError as error:
             raise CaseError(f"the case file '{path}' is not valid TOML: {error}") from None
+        except (ValueError, RecursionError):  # of Python itself, which TOML's parser passes on
+            raise CaseError(f"the case file '{path}' holds a number too long or tables too deeply nested") from None
         return cls.from_dict(data, source=str(path))
 
     def to_toml_dict(self) -> dict[str, Any]:

@@ -5,15 +5,23 @@ The command line prints `str(error)` alone and ends with `exit_code`; nothing el
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import ClassVar
+
+LONG_WORD = r"\S{400,}"
 
 
 class NgfsiError(Exception):
     """Base of every error this package raises on purpose."""
 
     exit_code: ClassVar[int] = 2
+
+    def __str__(self) -> str:
+        """One line fit for a terminal, whatever the user's file put into it."""
+        shortened = re.sub(LONG_WORD, lambda word: f"{word[0][:60]}...", super().__str__())
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shortened)
 
 
 class CaseError(NgfsiError):

@@ -78,8 +78,8 @@ def soak(page: Path, kills: int) -> None:
         "# A run that was killed again and again\n",
         f"Written by `make soak` on {now()}, in {monotonic() - began:.0f} s, with ngfsi {versions()['ngfsi']} and "
         f"NGSolve {versions()['ngsolve']}.\n",
-        f"{runs} runs of {LONGER.time.steps} steps were killed with SIGKILL {len(places)} times at random moments (seed "
-        f"20) and resumed each time: {counts}. Series, cross-sections, fields and the counts of iterations and "
+        f"{runs} runs of {LONGER.time.steps} steps were killed with SIGKILL {len(places)} times at random moments "
+        f"(seed 20) and resumed each time: {counts}. Series, cross-sections, fields and the counts of iterations and "
         "factorisations are those of the run that was never killed, to the last bit.",
     ]
     page.write_text("\n".join(lines) + "\n", encoding="utf-8")
