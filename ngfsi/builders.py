@@ -56,8 +56,8 @@ def _refuse_strangers(package: str, path: str) -> None:
         raise GeometryError("the geometry builders are not installed: they come with a clone of the project")
     if not spec.origin or Path(spec.origin).resolve().parents[1] != Path(__file__).resolve().parents[1]:
         raise GeometryError(
-            f"the package {PACKAGE} in '{spec.origin}' is not the one of this clone: set {OPT_IN}={PACKAGE} if you trust "
-            "its code"
+            f"the package {PACKAGE} in '{spec.origin}' is not the one of this clone: if you trust it "
+            f"set {OPT_IN}={PACKAGE}"
         )
 
 

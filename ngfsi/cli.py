@@ -230,6 +230,23 @@ def info(
 
 
 @app.command()
+def cite(folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")]) -> None:
+    """Print what to cite for a run, and how to repeat it.
+
+    Of methods and materials only those that it used.
+
+    Example: ngfsi cite runs/calf
+    """
+    from ngfsi.output import open_run
+    from ngfsi.output.citing import citations, repeat_commands
+
+    run = open_run(folder)
+    for heading, references in citations(run).items():
+        typer.echo("\n".join([f"{heading}:", *(f"  - {reference}" for reference in references)]))
+    typer.echo("\n".join(["to repeat it:", *(f"  {command}" for command in repeat_commands(run))]))
+
+
+@app.command()
 def export(
     folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
     time: Annotated[float, typer.Option(help="Time [s]; the fields stored nearest to it are taken.")],
