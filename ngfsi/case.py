@@ -116,6 +116,9 @@ class TimeStepping(Section):
     end: Time = Field(gt=0)
     smallest_step: Time = Field(default_factory=lambda given: given["step"] / 64, gt=0)
     """A step that fails is halved down to this; default: a 64th of the step."""
+    error_tolerance: float | None = Field(default=None, gt=0, lt=1)
+    """Largest estimated error of one step, of displacement and velocity against their scales: a step that exceeds it
+    is halved, and grows back to `step` where errors are small. None: steps are shortened on failure alone."""
 
     @property
     def steps(self) -> int:
@@ -128,6 +131,8 @@ class TimeStepping(Section):
             raise ValueError(f"the step of {self.step:g} s is longer than the run, which ends at {self.end:g} s")
         if self.end > MOST_STEPS * self.step:
             raise ValueError(f"steps of {self.step:g} s up to {self.end:g} s would be more than {MOST_STEPS:,}")
+        if self.error_tolerance is not None and self.scheme != "bdf2":
+            raise ValueError("error_tolerance needs the scheme 'bdf2', whose error is estimated")
         if self.smallest_step > self.step:
             raise ValueError(f"the smallest step of {self.smallest_step:g} s exceeds the step of {self.step:g} s")
         return self

@@ -191,7 +191,8 @@ class Computation:
                 self._factorisations += initial_state(system, newton, self.folder.log)
         with self.watch("measures"):
             probe = Probe(system)
-        loop = TimeLoop(self.case, system, newton, probe.deformation.inversion, self.folder.log)
+        shape = probe.deformation
+        loop = TimeLoop(self.case, system, newton, shape.inversion, self.folder.log, explain=shape.narrowest)
         until = self._take_up(loop) if self.start else -inf
         stops.patient = True
         writer = FieldWriter(self.folder.path, domain, volume_fields(system), until)
@@ -229,6 +230,8 @@ class Computation:
             self._time = step.time
             self._record(step.time, step.size, probe)
             self._note_cost(step)
+            for warning in probe.deformation.approaching():
+                self.folder.log(f"t = {step.time:.6g} s: {warning}")
             if self._is_written(step, loop):
                 self._write(step.time, probe, writer)
             progress.advance(step.index, step.time, step.solution.iterations)

@@ -13,8 +13,11 @@ from ngfsi.case import SAME_TIME, Case
 from ngfsi.errors import SolverError
 from ngfsi.solve.initial import Say, silent
 from ngfsi.solve.newton import Newton, Solution, part_of
-from ngfsi.solve.schemes import weights
+from ngfsi.solve.schemes import share_of_error, weights
 from ngfsi.solve.system import System, Vector
+
+GROWS_BELOW = 10.0
+"""Steps grow when their error is this much smaller than allowed."""
 
 
 @dataclass(frozen=True)
@@ -80,17 +83,19 @@ class TimeLoop:
 
     def __init__(
         self, case: Case, system: System, newton: Newton, inspect: Callable[[], str] = str, say: Say = silent,
-        history: History | None = None,
+        history: History | None = None, explain: Callable[[], str] = str,
     ) -> None:  # fmt: skip
         """Prepare the loop.
 
         Args:
             inspect: returns why the present state is unacceptable (an inverted element, say), or ""; default: never.
             say: takes lines for the log; default: none is kept.
+            explain: returns what else to say of the last good state when the loop gives up; default: nothing.
             history: of an earlier loop, which this one continues; default: the system's state, at rest at t = 0.
         """
         self.case, self.system, self.newton = case, system, newton
-        self._inspect, self._say = inspect, say
+        self._inspect, self._say, self._explain = inspect, say, explain
+        self._may_grow = True
         self.history = history or History()
         self._milestones = self._plan()
 
@@ -164,7 +169,7 @@ class TimeLoop:
                 self.system.restore(accepted)
                 self._retreat(time, size, error)
             else:
-                if self.history.size:
+                if self.history.size and self._may_grow:
                     self.history.size = 2 * self.history.size if 2 * self.history.size < self.case.time.step else None
                 return size, solution
 
@@ -178,11 +183,40 @@ class TimeLoop:
             (history.states[0], history.states[old]),
             (history.rates[0], history.rates[old]),
         )
-        system.values[:] = history.extrapolated(time + size)
+        predicted = history.extrapolated(time + size)
+        system.values[:] = predicted
         solution = self.newton.solve(case.solver.tolerance, case.solver.max_iterations)
         if complaint := self._inspect():
             raise SolverError(complaint)
+        self._check_accuracy(size, predicted)
         return solution
+
+    def _check_accuracy(self, size: float, predicted: Vector) -> None:
+        """Refuse a step that is less accurate than wanted and can be halved; note whether a longer one would do."""
+        wanted, smallest = self.case.time.error_tolerance, self.case.time.smallest_step
+        if wanted is None:
+            return
+        error = self._local_error(size, predicted)
+        if error > wanted and size / 2 >= smallest:
+            raise SolverError(f"its estimated error {error:.2g} exceeds time.error_tolerance = {wanted:g}")
+        # of third order: doubled, a step errs eight times as much
+        self._may_grow = error < wanted / GROWS_BELOW
+
+    def _local_error(self, size: float, predicted: Vector) -> float:
+        """Return the estimated error of the step, relative to the scales of displacement and velocity.
+
+        In the first two steps after a kink that of backward Euler, h^2/2 of the second derivative, by the change of
+        the rates; it exceeds that of the second of them, which is one of BDF2.
+        """
+        times = self.history.times
+        if self.history.smooth < 2:
+            estimate = size / 2 * np.abs(self.system.rates() - self.history.rates[0])
+        else:
+            share = share_of_error(size, times[0] - times[1], times[1] - times[2])
+            estimate = share * np.abs(self.system.values - predicted)
+        blocks, scales = self.system.unknowns.blocks, self.system.block_scales()
+        both = [name for name in ("d", "w") if name in scales]
+        return max(float(np.max(estimate[blocks[name]], initial=0.0)) / scales[name] for name in both)
 
     def _retreat(self, time: float, size: float, error: SolverError) -> None:
         """Halve the step, or give up."""
@@ -190,7 +224,7 @@ class TimeLoop:
             pressure = self.case.loads.skin_pressure(time)
             raise SolverError(
                 f"the run ended at t = {time:.6g} s with {pressure:.4g} Pa on the skin: a step of {size:.3g} s to "
-                f"t = {time + size:.6g} s failed and time.smallest_step forbids a smaller one: {error}"
+                f"t = {time + size:.6g} s failed and time.smallest_step forbids a smaller one: {error}{self._explain()}"
             ) from error
         self.history.size = size / 2
         self._say(f"t = {time:.6g} s: a step of {size:.3g} s failed ({error}); trying {size / 2:.3g} s")
