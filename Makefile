@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # MKL's Pardiso exists for x86-64 only; everywhere else UMFPACK, which NGSolve brings, does the same work
 EXTRAS := $(if $(filter x86_64 amd64,$(shell uname -m)),dev$(COMMA)mkl,dev)
 
-.PHONY: demo test lint types pytest paper clean
+.PHONY: demo test lint types pytest soak paper clean
 
 demo: $(VENV)/ready
 	$(BIN)/ngfsi study compare_tissues --level demo --output runs/demo
@@ -23,6 +23,9 @@ types: $(VENV)/ready
 
 pytest: $(VENV)/ready
 	$(BIN)/pytest
+
+soak: $(VENV)/ready
+	$(BIN)/python -m tests.soak docs/soak.md
 
 paper: $(VENV)/ready
 	$(BIN)/ngfsi study compare_tissues --level paper --output runs/paper

@@ -31,6 +31,9 @@ NARROWEST_GAP = 0.5e-3
 """Parts closer than this [m] are refused: the tissue between them could not be meshed sensibly."""
 
 
+MOST_EDGES = 10_000
+
+
 class MeshSettings(Section):
     """How finely a segment is meshed."""
 
@@ -43,7 +46,7 @@ class MeshSettings(Section):
     )
     far_size: Length = Field(18e-3, gt=0, description="element size in the tissue far from the vein")
     vein_size: Length = Field(2.5e-3, gt=0, description="element length around the lumen, less where layers are thin")
-    axial_layers: int = Field(8, ge=1, description="number of element layers along z")
+    axial_layers: int = Field(8, ge=1, le=2000, description="number of element layers along z")
     end_refinement: float = Field(
         1.0, ge=1, le=20, description="layers at the ends are this many times thinner than at mid-length"
     )
@@ -189,6 +192,14 @@ class VeinSegment(Section):
         for a, b, gap in gaps:
             if gap < NARROWEST_GAP:
                 raise ValueError(_collision(a, b, gap))
+        return self
+
+    @model_validator(mode="after")
+    def _check_sizes(self) -> VeinSegment:
+        """Refuse elements so small that no computer could hold them."""
+        for circle, size in ((self.skin, self.mesh.far_size), (self.wall_outer, self.mesh.vein_size)):
+            if 2 * pi * circle.radius > MOST_EDGES * size:
+                raise ValueError(f"elements of {size * 1e3:.3g} mm would be more than {MOST_EDGES:,} edges on a circle")
         return self
 
     def _vein_segments(self, size: float, circles: Sequence[Circle]) -> int:

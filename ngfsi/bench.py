@@ -25,9 +25,9 @@ from rich.table import Table
 from ngfsi.case import Case
 from ngfsi.domain import Domain
 from ngfsi.errors import OutputError, SolverError, needs_clone, unknown
+from ngfsi.output.disk import explained
 from ngfsi.output.provenance import commit, machine, versions
 from ngfsi.output.stored import open_run
-from ngfsi.output.table import explained
 from ngfsi.solve.initial import Say, silent
 
 PLAIN = "as it is"

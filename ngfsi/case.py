@@ -108,6 +108,9 @@ SAME_TIME = 1e-9
 """Times closer than this share of the nominal step are one."""
 
 
+MOST_STEPS = 1_000_000
+
+
 class TimeStepping(Section):
     """Time scheme and steps."""
 
@@ -116,6 +119,9 @@ class TimeStepping(Section):
     end: Time = Field(gt=0)
     smallest_step: Time = Field(default_factory=lambda given: given["step"] / 64, gt=0)
     """A step that fails is halved down to this; default: a 64th of the step."""
+    error_tolerance: float | None = Field(default=None, gt=0, lt=1)
+    """Largest estimated error of one step, of displacement and velocity against their scales: a step that exceeds it
+    is halved, and grows back to `step` where errors are small. None: steps are shortened on failure alone."""
 
     @property
     def steps(self) -> int:
@@ -126,6 +132,10 @@ class TimeStepping(Section):
     def _steps_fit(self) -> Self:
         if self.step > self.end:
             raise ValueError(f"the step of {self.step:g} s is longer than the run, which ends at {self.end:g} s")
+        if self.end > MOST_STEPS * self.step:
+            raise ValueError(f"steps of {self.step:g} s up to {self.end:g} s would be more than {MOST_STEPS:,}")
+        if self.error_tolerance is not None and self.scheme != "bdf2":
+            raise ValueError("error_tolerance needs the scheme 'bdf2', whose error is estimated")
         if self.smallest_step > self.step:
             raise ValueError(f"the smallest step of {self.smallest_step:g} s exceeds the step of {self.step:g} s")
         return self
@@ -149,6 +159,10 @@ class Output(Section):
 
     fields_every: int = Field(default=10, ge=0)
     """Steps between two written fields; 0: first and last only."""
+    checkpoint_every: int = Field(default=10, ge=0)
+    """Steps between two checkpoints, from which a stopped run goes on; 0: by the clock alone."""
+    checkpoint_interval: Time = Field(default=300.0, gt=0)
+    """Seconds on the clock after which a checkpoint is due in any case."""
 
 
 class Case(Section):
@@ -201,6 +215,8 @@ class Case(Section):
             raise CaseError(f"the case file '{path}' is not text in UTF-8") from None
         except tomllib.TOMLDecodeError as error:
             raise CaseError(f"the case file '{path}' is not valid TOML: {error}") from None
+        except (ValueError, RecursionError):  # of Python itself, which TOML's parser passes on
+            raise CaseError(f"the case file '{path}' holds a number too long or tables too deeply nested") from None
         return cls.from_dict(data, source=str(path))
 
     def to_toml_dict(self) -> dict[str, Any]:

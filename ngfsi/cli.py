@@ -1,7 +1,8 @@
-"""Command line: `ngfsi run`, `study`, `verify`, `bench`, `materials`, `info`, `export`.
+"""Command line: `ngfsi run`, `resume`, `study`, `verify`, `bench`, `materials`, `info`, `export`.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
-equations could not be solved, 130 interrupted, 1 an error of the program itself.
+equations could not be solved, 4 stopped before its end as asked (--max-wall, a file STOP), 130 interrupted by Ctrl-C,
+143 by SIGTERM, 1 an error of the program itself. After 4, 130 and 143 `ngfsi resume` goes on.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from typing import Annotated, Any
 
 import typer
 
-from ngfsi.errors import CaseError, NgfsiError, OutputError, needs_clone, unknown
+from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, needs_clone, unknown
+from ngfsi.units import seconds
 
 INTERRUPTED = 130
 
@@ -53,6 +55,10 @@ class Level(StrEnum):
 
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the results.", show_default=False)]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
+MaxWall = Annotated[
+    str | None,
+    typer.Option(help="Time on the clock within which to stop, e.g. 2h or 90min; resume goes on.", show_default=False),
+]
 
 
 @app.command()
@@ -60,6 +66,7 @@ def run(
     case: Annotated[Path, typer.Argument(help="Case file in TOML.", metavar="CASE.toml")],
     output: Output = None,
     quiet: Quiet = False,
+    max_wall: MaxWall = None,
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; may be given again."),
@@ -81,11 +88,27 @@ def run(
         chosen = chosen.replace(**dict(map(parse_change, changes)))
     folder = output or Path("runs") / chosen.name
     with _interruptible(folder):
-        compute(chosen, folder, quiet=quiet)
-    if not quiet:
-        typer.echo(
-            f"The results are in '{folder}': see them with `ngfsi info {folder}`, or {folder}/volume.pvd in ParaView"
-        )
+        compute(chosen, folder, quiet=quiet, max_wall=parse_duration(max_wall))
+    _point_to(folder, quiet)
+
+
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
+    quiet: Quiet = False,
+    max_wall: MaxWall = None,
+) -> None:
+    """Go on with a run that was stopped or killed.
+
+    From its last checkpoint, with the results of a run that was never stopped.
+
+    Example: ngfsi resume runs/calf --max-wall 2h
+    """
+    from ngfsi.run import resume as go_on
+
+    with _interruptible(folder):
+        go_on(folder, quiet=quiet, max_wall=parse_duration(max_wall))
+    _point_to(folder, quiet)
 
 
 @app.command()
@@ -207,6 +230,23 @@ def info(
 
 
 @app.command()
+def cite(folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")]) -> None:
+    """Print what to cite for a run, and how to repeat it.
+
+    Of methods and materials only those that it used.
+
+    Example: ngfsi cite runs/calf
+    """
+    from ngfsi.output import open_run
+    from ngfsi.output.citing import citations, repeat_commands
+
+    run = open_run(folder)
+    for heading, references in citations(run).items():
+        typer.echo("\n".join([f"{heading}:", *(f"  - {reference}" for reference in references)]))
+    typer.echo("\n".join(["to repeat it:", *(f"  {command}" for command in repeat_commands(run))]))
+
+
+@app.command()
 def export(
     folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
     time: Annotated[float, typer.Option(help="Time [s]; the fields stored nearest to it are taken.")],
@@ -243,6 +283,25 @@ def parse_change(text: str) -> tuple[str, Any]:
         return key.strip(), value.strip()
 
 
+def parse_duration(text: str | None) -> float | None:
+    """Return the seconds in `--max-wall`.
+
+    Raises:
+        CaseError: it is no duration.
+    """
+    try:
+        return None if text is None else seconds(text)
+    except ValueError as error:
+        raise CaseError(f"--max-wall {error}") from None
+
+
+def _point_to(folder: Path, quiet: bool) -> None:
+    if not quiet:
+        typer.echo(
+            f"The results are in '{folder}': see them with `ngfsi info {folder}`, or {folder}/volume.pvd in ParaView"
+        )
+
+
 def find_study(name: str) -> Any:
     """Return the function `study` of the module of that name in the package `studies`.
 
@@ -264,6 +323,9 @@ def _interruptible(folder: Path) -> Iterator[None]:
     """Turn Ctrl-C inside the block into a sentence about where the results so far lie."""
     try:
         yield
+    except Interrupted as error:
+        _say(str(error))
+        raise typer.Exit(error.exit_code) from None
     except KeyboardInterrupt:
         kept = f"; what was computed is in '{folder}'" if folder.exists() else ""
         _say(f"interrupted{kept}")

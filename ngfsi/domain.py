@@ -6,6 +6,7 @@ instead. Names are plain words (`[a-z][a-z0-9_]*`), never patterns.
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -213,6 +214,13 @@ class Domain:
             "meshing_seconds": self.report.seconds,
             "from_cache": self.report.cached,
         }
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of points and elements: unknowns of one mesh mean nothing on another."""
+        points = np.array([vertex.point for vertex in self.mesh.vertices])
+        elements = [[vertex.nr for vertex in element.vertices] for element in self.mesh.Elements(VOL)]
+        return hashlib.sha256(points.tobytes() + repr(elements).encode()).hexdigest()[:32]
 
     def _names(self, kind: Any) -> tuple[str, ...]:
         return tuple(self.mesh.GetMaterials() if kind == VOL else self.mesh.GetBoundaries())

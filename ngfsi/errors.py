@@ -5,15 +5,23 @@ The command line prints `str(error)` alone and ends with `exit_code`; nothing el
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import ClassVar
+
+LONG_WORD = r"\S{400,}"
 
 
 class NgfsiError(Exception):
     """Base of every error this package raises on purpose."""
 
     exit_code: ClassVar[int] = 2
+
+    def __str__(self) -> str:
+        """One line fit for a terminal, whatever the user's file put into it."""
+        shortened = re.sub(LONG_WORD, lambda word: f"{word[0][:60]}...", super().__str__())
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shortened)
 
 
 class CaseError(NgfsiError):
@@ -44,6 +52,20 @@ class SolverError(NgfsiError):
     """The equations could not be solved; what was computed before is kept."""
 
     exit_code: ClassVar[int] = 3
+
+
+class StoppedError(NgfsiError):
+    """A run ended early as it was asked to; `ngfsi resume` goes on."""
+
+    exit_code: ClassVar[int] = 4
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal ended the run; no NgfsiError, so that a loop over runs that goes on after those ends as well."""
+
+    def __init__(self, sentence: str, exit_code: int) -> None:
+        super().__init__(sentence)
+        self.exit_code = exit_code
 
 
 def suggestion(given: str, known: Iterable[str]) -> str:

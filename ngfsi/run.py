@@ -4,32 +4,38 @@ from __future__ import annotations
 
 import resource
 from collections.abc import Iterator
+from contextlib import suppress
+from math import inf
 from pathlib import Path
-from typing import Any
+from time import perf_counter
+from typing import Literal
 
 import ngsolve as ng
 
 from ngfsi.case import Case
 from ngfsi.domain import Domain
-from ngfsi.errors import CaseError, NgfsiError, SolverError
+from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, SolverError, StoppedError
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
+from ngfsi.output.checkpoint import Checkpoint, Checkpoints
 from ngfsi.output.fields import FieldWriter
-from ngfsi.output.folder import RunFolder
+from ngfsi.output.folder import CASE, CHECKPOINTS, MANIFEST, STOP, RunFolder
 from ngfsi.output.progress import Progress
+from ngfsi.output.provenance import versions
 from ngfsi.output.stored import StoredRun, open_run
-from ngfsi.solve.backends import choose_backend
+from ngfsi.solve.backends import Name, choose_backend
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import Step, TimeLoop
+from ngfsi.stops import Stops
 from ngfsi.stopwatch import Stopwatch
 
 WALL_REFINEMENT = 3
 """Points along each side of an interface element in the written wall fields."""
 
 
-def run(case: Case, folder: Path, *, quiet: bool = False) -> StoredRun:
+def run(case: Case, folder: Path, *, quiet: bool = False, max_wall: float | None = None) -> StoredRun:
     """Compute a case and return its results.
 
     The folder holds what was computed up to any failure; its manifest says how the run ended.
@@ -37,33 +43,84 @@ def run(case: Case, folder: Path, *, quiet: bool = False) -> StoredRun:
     Args:
         folder: to be made; must not hold anything yet.
         quiet: show no progress.
+        max_wall: seconds on the clock within which to stop, so that `resume` can go on.
 
     Raises:
         CaseError: the geometry is no vein in tissue.
         OutputError: the folder cannot be used.
         MeshError: the geometry could not be meshed.
         SolverError: no solution; says at which time, why, and where the results are.
-        KeyboardInterrupt: after noting it in the manifest.
+        StoppedError: by `max_wall`, or by a file STOP in the folder, after a checkpoint.
+        Interrupted: a signal came (a KeyboardInterrupt); from the first step on after a checkpoint.
     """
     _refuse_what_cannot_be_measured(case)
     backend = choose_backend(case.solver.linear)
-    target = RunFolder.create(folder, case)
+    checkpoints = _checkpoints(case, folder, backend)
+    return _finished(Computation(case, RunFolder.create(folder, case), backend, checkpoints), quiet, max_wall)
+
+
+def resume(folder: Path, *, quiet: bool = False, max_wall: float | None = None) -> StoredRun:
+    """Go on with a run that did not reach its end, from its last checkpoint, and return its results.
+
+    They are those of a run that was never stopped: to the last bit with one thread. Without a checkpoint the run
+    begins anew.
+
+    Args:
+        quiet, max_wall: as for `run`.
+
+    Raises:
+        OutputError: there is no run, it is complete or being computed, or its checkpoints are damaged or of another
+            case or version; says in what they differ.
+        MeshError, SolverError, StoppedError, Interrupted: as for `run`.
+    """
+    if not (folder / CASE).exists():
+        raise OutputError(f"the folder '{folder}' holds no run: {CASE} is expected in it")
+    case = Case.from_toml(folder / CASE)
+    _refuse_what_cannot_be_measured(case)
+    if (folder / MANIFEST).exists() and open_run(folder).status == "completed":
+        raise OutputError(f"the run in '{folder}' is complete: there is nothing to resume")
+    backend = choose_backend(case.solver.linear)
+    checkpoints = _checkpoints(case, folder, backend)
+    start = checkpoints.latest()
+    target = RunFolder.reopen(folder, case, start.facts["time_s"] if start else None)
+    return _finished(Computation(case, target, backend, checkpoints, start), quiet, max_wall)
+
+
+def _checkpoints(case: Case, folder: Path, backend: str) -> Checkpoints:
+    content = {key: value for key, value in case.to_toml_dict().items() if key != "name"}
+    programs = {name: versions()[name] for name in ("ngfsi", "ngsolve")}
+    return Checkpoints(folder / CHECKPOINTS, {"case": content, "version": programs, "linear_solver": backend})
+
+
+def _finished(computation: Computation, quiet: bool, max_wall: float | None) -> StoredRun:
+    """Compute, note how it ended and return the results."""
+    target = computation.folder
     try:
-        Computation(case, target, backend, quiet=quiet).run()
-    except KeyboardInterrupt:
-        target.finish("interrupted", "by the user")
-        raise
+        with Stops(target.path / STOP, max_wall) as stops:
+            try:
+                computation.run(stops, quiet=quiet)
+            except Interrupted:
+                raise
+            except KeyboardInterrupt:  # at once
+                raise stops.interruption() from None
+    except (StoppedError, Interrupted) as error:
+        sentence = f"{error}{computation.reached}: go on with `ngfsi resume {target.path}`"
+        _note_end(target, "interrupted", f"{error}{computation.reached}")
+        raise (
+            StoppedError(sentence) if isinstance(error, StoppedError) else Interrupted(sentence, error.exit_code)
+        ) from None
     except SolverError as error:
-        target.finish("failed", str(error))
-        raise SolverError(f"{error}; what was computed is in '{folder}'") from error
+        _note_end(target, "failed", str(error))
+        raise SolverError(f"{error}; what was computed is in '{target.path}'") from error
     except NgfsiError as error:
-        target.finish("failed", str(error))
+        _note_end(target, "failed", str(error))
         raise
     except BaseException as error:
-        target.finish("failed", f"{type(error).__name__}: {error}")
+        _note_end(target, "failed", f"{type(error).__name__}: {error}")
         raise
     target.finish("completed")
-    return open_run(folder)
+    computation.checkpoints.clear()
+    return open_run(target.path)
 
 
 def _refuse_what_cannot_be_measured(case: Case) -> None:
@@ -75,22 +132,48 @@ def _refuse_what_cannot_be_measured(case: Case) -> None:
         )
 
 
+def _note_end(target: RunFolder, status: Literal["failed", "interrupted"], reason: str) -> None:
+    """Note how a run ended early; a disk that does not take even that must not hide the reason."""
+    with suppress(OutputError):
+        target.finish(status, reason)
+
+
 class Computation:
     """A run under way: owns the pieces and the order in which they work."""
 
-    def __init__(self, case: Case, folder: RunFolder, backend: Any, *, quiet: bool) -> None:
-        self.case, self.folder, self.backend, self.quiet = case, folder, backend, quiet
-        self.watch = Stopwatch()
-        self._factorisations = 0
+    def __init__(
+        self, case: Case, folder: RunFolder, backend: Name, checkpoints: Checkpoints,
+        start: Checkpoint | None = None,
+    ) -> None:  # fmt: skip
+        """Prepare.
 
-    def run(self) -> None:
-        """Compute everything."""
+        Args:
+            start: from which to go on; None: from the beginning.
+        """
+        self.case, self.folder, self.backend = case, folder, backend
+        self.checkpoints, self.start = checkpoints, start
+        self.watch = Stopwatch()
+        self._factorisations = start.facts["factorisations"] if start else 0
+        self._time = 0.0
+        self._kept_at: float | None = None
+        self._kept_when = perf_counter()
+
+    @property
+    def reached(self) -> str:
+        """How far the run came, for a sentence."""
+        return "" if self._kept_at is None else f" at t = {self._time:.6g} s, checkpoint at t = {self._kept_at:.6g} s"
+
+    def run(self, stops: Stops, *, quiet: bool) -> None:
+        """Compute everything, until the end or until `stops` wants."""
         with self.watch("mesh"):
             domain = Domain.build(self.case.geometry)
+            self._mesh = domain.fingerprint
             self.folder.update_manifest(mesh=domain.statistics())
+        if self.start and self.start.facts["mesh"] != self._mesh:
+            raise OutputError(f"the checkpoint in '{self.folder.path}' is of another mesh: run the case anew")
         try:
             with ng.TaskManager():
-                self._solve(domain)
+                self._solve(domain, stops, quiet=quiet)
         finally:
             self.folder.update_manifest(
                 seconds=dict(self.watch.seconds),
@@ -98,33 +181,83 @@ class Computation:
                 factorisations=self._factorisations,
             )
 
-    def _solve(self, domain: Domain) -> None:
+    def _solve(self, domain: Domain, stops: Stops, *, quiet: bool) -> None:
         with self.watch("set-up"):
             system = System(self.case, domain, self.watch)
             self._note_system(system)
             newton = Newton(system, self.backend)
         with self.watch("initial state"):
-            self._factorisations += initial_state(system, newton, self.folder.log)
+            if self.start is None:
+                self._factorisations += initial_state(system, newton, self.folder.log)
         with self.watch("measures"):
             probe = Probe(system)
-        loop = TimeLoop(self.case, system, newton, probe.deformation.inversion, self.folder.log)
-        writer = FieldWriter(self.folder.path, domain, volume_fields(system))
-        with Progress(self.case.name, end=self.case.time.end, steps=loop.steps, quiet=self.quiet) as progress:
-            self._record(0.0, 0.0, probe)
-            self._write(0.0, probe, writer)
-            latest: Step | None = None
-            for latest in self._timed(loop.run()):
-                self._record(latest.time, latest.size, probe)
-                self._note_cost(latest)
-                if self._is_written(latest.index):
-                    self._write(latest.time, probe, writer)
-                progress.advance(latest.index, latest.time, latest.solution.iterations)
-            if latest is not None and not self._is_written(latest.index):
-                self._write(latest.time, probe, writer)
+        shape = probe.deformation
+        loop = TimeLoop(self.case, system, newton, shape.inversion, self.folder.log, explain=shape.narrowest)
+        until = self._take_up(loop) if self.start else -inf
+        stops.patient = True
+        writer = FieldWriter(self.folder.path, domain, volume_fields(system), until)
+        with Progress(self.case.name, end=self.case.time.end, steps=loop.steps, quiet=quiet) as progress:
+            if self.start is None:
+                self._record(0.0, 0.0, probe)
+                self._write(0.0, probe, writer)
+                self._keep(loop)
+            self._march(loop, probe, writer, progress, stops)
 
-    def _is_written(self, index: int) -> bool:
+    def _take_up(self, loop: TimeLoop) -> float:
+        """Go on from the checkpoint; return its time (s)."""
+        assert self.start is not None
+        with self.watch("set-up"):
+            loop.restore(self.start.arrays)
+        self._time = self._kept_at = loop.history.times[0]
+        for damage in self.start.damaged:
+            self.folder.log(f"a checkpoint was passed over: {damage}")
+        self.folder.log(f"resumed from t = {self._time:.6g} s")
+        return self._time
+
+    def _march(self, loop: TimeLoop, probe: Probe, writer: FieldWriter, progress: Progress, stops: Stops) -> None:
+        steps = self._timed(loop.run())
+        while True:
+            if request := stops.request():
+                self._keep(loop)
+                raise request
+            try:
+                if (step := next(steps, None)) is None:
+                    return
+            except SolverError:
+                if self._time not in writer.times:  # the last good state, to see what happened
+                    self._write(self._time, probe, writer)
+                raise
+            self._time = step.time
+            self._record(step.time, step.size, probe)
+            self._note_cost(step)
+            for warning in probe.deformation.approaching():
+                self.folder.log(f"t = {step.time:.6g} s: {warning}")
+            if self._is_written(step, loop):
+                self._write(step.time, probe, writer)
+            progress.advance(step.index, step.time, step.solution.iterations)
+            if self._is_kept(step):
+                self._keep(loop)
+
+    def _is_written(self, step: Step, loop: TimeLoop) -> bool:
         every = self.case.output.fields_every
-        return every > 0 and index % every == 0
+        return step.time == loop.end or (every > 0 and step.index % every == 0)
+
+    def _is_kept(self, step: Step) -> bool:
+        every = self.case.output.checkpoint_every
+        by_clock = perf_counter() - self._kept_when > self.case.output.checkpoint_interval
+        return by_clock or (every > 0 and step.index % every == 0)
+
+    def _keep(self, loop: TimeLoop) -> None:
+        """Write a checkpoint; one that cannot be written costs no results, and the run goes on."""
+        self._kept_when = perf_counter()
+        facts = {"time_s": self._time, "mesh": self._mesh, "factorisations": self._factorisations}
+        try:
+            with self.watch("checkpoints"):
+                self.checkpoints.write(loop.history.accepted, loop.arrays(), **facts)
+        except OutputError as error:
+            self.folder.log(f"t = {self._time:.6g} s: no checkpoint: {error}")
+        else:
+            self._kept_at = self._time
 
     def _timed(self, steps: Iterator[Step]) -> Iterator[Step]:
         """Pass steps on, timing what is done inside the loop."""

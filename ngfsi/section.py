@@ -42,7 +42,7 @@ class Section(BaseModel):
     refusal: ClassVar[type[NgfsiError]] = CaseError
     """The class of error raised for values this section refuses."""
 
-    def __init__(self, **values: Any) -> None:
+    def __init__(self, /, **values: Any) -> None:
         try:
             super().__init__(**values)
         except ValidationError as error:
@@ -70,7 +70,7 @@ class Section(BaseModel):
                 written[si_key(type(self), name)] = _plain(value)
         return written
 
-    def replace(self, **changes: Any) -> Self:
+    def replace(self, /, **changes: Any) -> Self:
         """Return a copy with some values changed, checked anew.
 
         Args:

@@ -1,7 +1,8 @@
 """Studies: run many cases, reuse what is there, go on when one fails, and tabulate.
 
 Each case runs in a process of its own (`python -m ngfsi.study CASE FOLDER`), so that a crash of one leaves the others
-alone; a few run side by side, the processors shared out among them.
+alone; a few run side by side, the processors shared out among them. Who starts these processes is any executor of
+concurrent.futures: threads here by default, or one whose workers are elsewhere and see the same folders.
 """
 
 from __future__ import annotations
@@ -12,22 +13,27 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import ngfsi
 from ngfsi.case import Case
-from ngfsi.errors import NgfsiError, OutputError
-from ngfsi.output.folder import CASE
+from ngfsi.design import Design
+from ngfsi.errors import Interrupted, NgfsiError, OutputError
+from ngfsi.output.disk import explained, replace_file
+from ngfsi.output.folder import CASE, CHECKPOINTS, STOP
 from ngfsi.output.progress import Watch
 from ngfsi.output.stored import StoredRun, open_run
-from ngfsi.output.table import explained
-from ngfsi.run import run
+from ngfsi.run import resume, run
 
 ENTREATIES, ENTREATY_SECONDS = 12, 5.0
 """How often, and how long apart, an interrupted run is asked to end before it is killed."""
+
+
+HASH = 16
+"""Digits of the hash of a case that name the folder of its run."""
 
 
 @dataclass(frozen=True)
@@ -46,34 +52,136 @@ class Outcome:
 
 
 def run_cases(
-    cases: Mapping[str, Case], folder: Path, *, processes: int = 2, quiet: bool = False
-) -> dict[str, Outcome]:
+    cases: Mapping[str, Case], folder: Path, *, processes: int = 2, quiet: bool = False,
+    executor: Executor | None = None, retry: bool = True,
+) -> dict[str, Outcome]:  # fmt: skip
     """Run cases, each in the subfolder of its key, and return what became of each, in their order.
 
-    A finished run of an equal case by the same version is reused; an unfinished one of an equal case is repeated from
-    the start; the run of another case is moved aside. Ctrl-C ends all runs and keeps what they stored.
+    A finished run of an equal case by the same version is reused; an unfinished one of an equal case goes on from its
+    last checkpoint; the run of another case is moved aside. Ctrl-C ends all runs and keeps what they stored.
 
     Args:
         cases: key, which names the subfolder -> case.
         folder: parent of the runs' folders.
         processes: how many runs to compute at a time; the processors are shared out among them.
         quiet: show no progress.
+        executor: starts the runs, with one thread each; default: here, `processes` at a time.
+        retry: whether a run that failed before is computed again.
 
     Raises:
         OutputError: the folder cannot be written.
     """
     with explained(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
-    outcomes = {key: outcome for key, case in cases.items() if (outcome := _reusable(folder / key, case))}
+    outcomes = {key: outcome for key, case in cases.items() if (outcome := _reusable(folder / key, case, retry))}
     missing = {key: case for key, case in cases.items() if key not in outcomes}
     side_by_side = max(1, min(processes, len(missing), os.cpu_count() or 1))
     for key, case in missing.items():
         _clear(folder / key, case)
     with Watch({key: (folder / key, case.time.end) for key, case in missing.items()}, quiet=quiet) as watch:
-        for key, outcome in _compute_all(missing, folder, side_by_side, watch):
+        for key, outcome in _compute_all(missing, folder, side_by_side, watch, executor):
             outcomes[key] = outcome
             watch.finished(key, outcome.failure)
     return {key: outcomes[key] for key in cases}
+
+
+@dataclass(frozen=True)
+class Study:
+    """Cases, and what to tabulate of each.
+
+    Attributes:
+        name: names the files of the results.
+        cases: key -> case.
+        columns: name with unit -> the number for a finished run.
+        inputs: key -> what distinguishes the case: name with unit -> value; shown before the columns.
+    """
+
+    name: str
+    cases: Mapping[str, Case]
+    columns: Mapping[str, Callable[[StoredRun], float]]
+    inputs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, name: str, design: Design, base: Case, columns: Mapping[str, Callable[[StoredRun], float]]) -> Study:
+        """Return the study of a design around a case."""
+        cases = design.cases(base)
+        values = [dict(zip(design.factors, map(float, point), strict=True)) for point in design.points]
+        return cls(name, cases, columns, dict(zip(cases, values, strict=True)))
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a study gave.
+
+    Attributes:
+        outcomes: by key.
+        table: by key the numbers of the finished runs, by column.
+        report: the page with table and failures.
+    """
+
+    outcomes: Mapping[str, Outcome]
+    table: Mapping[str, Mapping[str, float]]
+    report: Path
+
+
+def run_study(
+    study: Study, folder: Path, executor: Executor | None = None, *, retry_failed: bool = False, quiet: bool = False
+) -> Results:
+    """Run a study's cases, with one thread each, and write one table (CSV) and one report of all.
+
+    Runs lie in `folder/runs` by the hash of their content: what is finished is never run again, whatever its key, and
+    what was stopped or killed goes on.
+
+    Args:
+        executor: any of concurrent.futures, e.g. of executorlib; default: as many processes here as processors.
+        retry_failed: whether cases that failed before are computed again.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    digests = {key: case.digest[:HASH] for key, case in study.cases.items()}
+    distinct = {digests[key]: case for key, case in study.cases.items()}
+    found = run_cases(
+        distinct, folder / "runs", processes=os.cpu_count() or 1, quiet=quiet, executor=executor, retry=retry_failed
+    )
+    outcomes = {key: found[digest] for key, digest in digests.items()}
+    table = {
+        key: {name: float(number(outcome.run)) for name, number in study.columns.items()}
+        for key, outcome in outcomes.items()
+        if outcome.run is not None and not outcome.failure
+    }
+    return Results(outcomes, table, _report(study, folder, outcomes, digests, table))
+
+
+def _report(
+    study: Study, folder: Path, outcomes: Mapping[str, Outcome], digests: Mapping[str, str],
+    table: Mapping[str, Mapping[str, float]],
+) -> Path:  # fmt: skip
+    """Write table and page, and return the page's path."""
+    inputs = list(next(iter(study.inputs.values()), ()))
+    head = ["case", *inputs, *study.columns, "run"]
+    rows = [
+        [key, *(repr(study.inputs[key][name]) for name in inputs),
+         *(repr(table[key][name]) if key in table else "" for name in study.columns), digests[key]]
+        for key in study.cases
+    ]  # fmt: skip
+    text = "".join(",".join(_quoted(cell) for cell in row) + "\n" for row in [head, *rows])
+    replace_file(folder / f"{study.name}.csv", text.encode())
+    failures = [
+        f"- {key} (runs/{digests[key]}): {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure
+    ]
+    failed = ["", f"{len(failures)} failed, and are computed again on request:", "", *failures] if failures else []
+    shown = [
+        [f"{float(cell):.6g}" if cell and 0 < i < len(head) - 1 else cell for i, cell in enumerate(r)] for r in rows
+    ]
+    page = [f"# {study.name}: {len(table)} of {len(rows)} cases", "", markdown_table(head, shown), *failed]
+    target = folder / f"{study.name}.md"
+    replace_file(target, ("\n".join(page) + "\n").encode())
+    return target
+
+
+def _quoted(cell: str) -> str:
+    return '"' + cell.replace('"', '""') + '"' if set(cell) & set(',"\n') else cell
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -86,25 +194,30 @@ def _line(cells: Iterable[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def _reusable(folder: Path, case: Case) -> Outcome | None:
-    """Return the finished run of an equal case in the folder, if there is one."""
+def _reusable(folder: Path, case: Case, retry: bool) -> Outcome | None:
+    """Return the finished run of an equal case in the folder, if there is one; a failed one if it is not retried."""
     try:
         run = open_run(folder)
         same = run.case.digest == case.digest and run.manifest.get("versions", {}).get("ngfsi") == ngfsi.__version__
     except NgfsiError:
         return None
+    if same and run.status == "failed" and not retry:
+        return Outcome(run, failure=str(run.manifest.get("reason", "")), reused=True)
     return Outcome(run, reused=True) if same and run.status == "completed" else None
 
 
 def _clear(folder: Path, case: Case) -> None:
-    """Make room for a run: remove an unfinished one of the same case, move anything else aside."""
+    """Make room for a run: keep one of the same case that can go on, remove a failed one, move anything else aside."""
     if not folder.exists():
         return
     try:
-        same = open_run(folder).case.digest == case.digest
+        found = open_run(folder)
+        same = found.case.digest == case.digest
     except NgfsiError:
         same = False
     with explained(folder, "replaced"):
+        if same and found.status in ("running", "interrupted") and any((folder / CHECKPOINTS).glob("*")):
+            return
         if same:
             shutil.rmtree(folder)
         else:
@@ -112,26 +225,45 @@ def _clear(folder: Path, case: Case) -> None:
 
 
 def _compute_all(
-    cases: Mapping[str, Case], folder: Path, side_by_side: int, watch: Watch
+    cases: Mapping[str, Case], folder: Path, side_by_side: int, watch: Watch, executor: Executor | None
 ) -> Iterator[tuple[str, Outcome]]:
     """Run cases in child processes and yield what became of each as it ends."""
+    if executor is not None:
+        yield from _gather(
+            {executor.submit(_compute, c.to_toml(), folder / key): key for key, c in cases.items()}, folder, watch
+        )
+        return
     children: list[subprocess.Popen[str]] = []
     threads = max(1, (os.cpu_count() or 1) // side_by_side)
     pool = ThreadPoolExecutor(side_by_side)
     try:
-        waiting = {pool.submit(_compute, c, folder / key, threads, children): key for key, c in cases.items()}
-        while waiting:
-            done, _ = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
-            watch.look()
-            for finished in done:
-                key = waiting.pop(finished)
-                yield key, _outcome(finished.result(), folder / key)
+        waiting = {pool.submit(_compute, c.to_toml(), folder / key, threads, children): key for key, c in cases.items()}
+        yield from _gather(waiting, folder, watch)
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         _interrupt(children)
         raise
     finally:
         pool.shutdown()
+
+
+def _gather(waiting: dict[Future[tuple[int, str]], str], folder: Path, watch: Watch) -> Iterator[tuple[str, Outcome]]:
+    """Yield what becomes of submitted cases; when that ends early, those under way are asked to stop."""
+    try:
+        while waiting:
+            done, _ = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
+            watch.look()
+            for finished in done:
+                key = waiting.pop(finished)
+                error = finished.exception()
+                yield (
+                    key,
+                    _outcome((1, f"{type(error).__name__}: {error}") if error else finished.result(), folder / key),
+                )
+    finally:
+        for future, key in waiting.items():
+            if not future.cancel() and (folder / key).is_dir():
+                (folder / key / STOP).touch()
 
 
 def _interrupt(children: Sequence[subprocess.Popen[str]]) -> None:
@@ -148,19 +280,24 @@ def _interrupt(children: Sequence[subprocess.Popen[str]]) -> None:
             os.killpg(child.pid, signal.SIGKILL)  # with the compiler it may have started, which holds our pipe open
 
 
-def _compute(case: Case, folder: Path, threads: int, children: list[subprocess.Popen[str]]) -> tuple[int, str]:
-    """Run a case in a child process, noted in `children`; return its exit code and what it said on standard error.
+def _compute(
+    case: str, folder: Path, threads: int = 1, children: list[subprocess.Popen[str]] | None = None
+) -> tuple[int, str]:
+    """Run a case, given as the text of its file, in a child process, noted in `children`.
+
+    Returns its exit code and what it said on standard error.
 
     NGSolve and MKL take the number of threads from the environment.
     """
     request = folder.with_name(f"{folder.name}.{CASE}")
-    request.write_text(case.to_toml(), encoding="utf-8")
+    request.write_text(case, encoding="utf-8")
     command = [sys.executable, "-m", "ngfsi.study", str(request), str(folder)]
     numbers = dict.fromkeys(("NGS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), str(threads))
     environment = os.environ | numbers | {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
     # a session of its own keeps the terminal's Ctrl-C from it, which `_compute_all` passes on once
     child = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    children.append(child)
+    if children is not None:
+        children.append(child)
     said = child.communicate()[1]
     request.unlink()
     return child.returncode, said
@@ -181,10 +318,16 @@ def _outcome(ended: tuple[int, str], folder: Path) -> Outcome:
 
 
 def main(case_file: Path, folder: Path) -> int:
-    """Child process: run one case; the last line on standard error says why it failed."""
+    """Child process: run one case, or go on with it; the last line on standard error says why it failed."""
     try:
-        run(Case.from_toml(case_file), folder, quiet=True)
+        if (folder / CASE).exists():
+            resume(folder, quiet=True)
+        else:
+            run(Case.from_toml(case_file), folder, quiet=True)
     except NgfsiError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    except Interrupted as error:
         print(error, file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:

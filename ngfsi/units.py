@@ -10,6 +10,7 @@ this package follows, 133.322 Pa (the conventional 133.322387 Pa differs by 3e-6
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Annotated, NamedTuple
@@ -45,6 +46,8 @@ UNITS: dict[str, Unit] = {
     "mm3": Unit("volume", 1e-9),
     "s": Unit("time", 1.0),
     "ms": Unit("time", 1e-3),
+    "min": Unit("time", 60.0),
+    "h": Unit("time", 3600.0),
     "m_s": Unit("velocity", 1.0),
     "cm_s": Unit("velocity", 1e-2),
     "mm_s": Unit("velocity", 1e-3),
@@ -64,6 +67,8 @@ UNITS: dict[str, Unit] = {
     "deg": Unit("angle", math.pi / 180),
 }
 """Suffix as written in files -> unit; the SI unit stands first in its dimension."""
+
+DURATION = r"(\d+(?:\.\d+)?)(h|min|s)"
 
 SI_SUFFIX: dict[str, str] = {unit.dimension: suffix for suffix, unit in UNITS.items() if unit.factor == 1.0}
 """Dimension -> suffix of its SI unit."""
@@ -101,6 +106,18 @@ def to_si(value: float, suffix: str) -> float:
         return float(Fraction(repr(number)) * Fraction(repr(factor)))
     except OverflowError:
         return math.inf if value > 0 else -math.inf
+
+
+def seconds(text: str) -> float:
+    """Return the seconds in a duration such as "2h", "1h30min" or "90s".
+
+    Raises:
+        ValueError: the text is none.
+    """
+    parts = re.findall(DURATION, text.replace(" ", ""))
+    if not parts or "".join(number + unit for number, unit in parts) != text.replace(" ", ""):
+        raise ValueError(f"'{text}' is no duration: write e.g. 2h, 1h30min or 90s")
+    return sum(to_si(float(number), unit) for number, unit in parts)
 
 
 def from_si(value: float, suffix: str) -> float:

@@ -12,7 +12,8 @@ import ngfsi
 ROOT = Path(ngfsi.__file__).parent
 ORDER = (
     "errors", "stopwatch", "units", "complaint", "section", "curves", "builders", "materials", "case", "curving",
-    "meshing", "domain", "physics", "solve", "measure", "output", "run", "study", "bench", "verify", "cli",
+    "meshing", "domain", "physics", "solve", "measure", "output", "stops", "run", "design", "study", "bench", "verify",
+    "cli",
 )  # fmt: skip
 
 

@@ -39,12 +39,12 @@ def case_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 @pytest.fixture
-def computed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Case, Path, bool]]:
+def computed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Case, Path, bool, float | None]]:
     """What was asked to be computed, in place of computing it."""
-    asked: list[tuple[Case, Path, bool]] = []
+    asked: list[tuple[Case, Path, bool, float | None]] = []
 
-    def run(case: Case, folder: Path, *, quiet: bool = False) -> None:
-        asked.append((case, folder, quiet))
+    def run(case: Case, folder: Path, *, quiet: bool = False, max_wall: float | None = None) -> None:
+        asked.append((case, folder, quiet, max_wall))
 
     monkeypatch.setattr(ngfsi.run, "run", run)
     return asked
@@ -55,11 +55,12 @@ def test_run(capsys: pytest.CaptureFixture[str], case_file: str, computed: list[
     assert code == 0
     assert "runs/fake" in out
     changes = ["--set", "time.step_ms=10", "--set", 'materials.tissue={set="neo_hookean_likely"}', "--set", "name=n"]
-    assert ngfsi_(capsys, "run", case_file, "--output", "here", "--quiet", *changes) == (0, "", "")
+    limited = ["--output", "here", "--quiet", "--max-wall", "1h 30min", *changes]
+    assert ngfsi_(capsys, "run", case_file, *limited) == (0, "", "")
     changed = Case.from_toml(case_file).replace(
         **{"time.step": 0.01, "materials.tissue": {"set": "neo_hookean_likely"}, "name": "n"}
     )
-    assert computed == [(CASE, Path("runs/fake"), False), (changed, Path("here"), True)]
+    assert computed == [(CASE, Path("runs/fake"), False, None), (changed, Path("here"), True, 5400.0)]
 
 
 @pytest.mark.parametrize(
@@ -71,6 +72,8 @@ def test_run(capsys: pytest.CaptureFixture[str], case_file: str, computed: list[
         (["run", "case.toml", "--set", "geometry.lumen_diameter_mm=300"], "overlap by"),
         (["run", "case.toml", "--set", "time.step_s"], "--set time.step_s is not understood: write key=value"),
         (["run", "case.toml", "--set", "=1"], "--set =1 is not understood"),
+        (["run", "case.toml", "--max-wall", "2 days"], "--max-wall '2 days' is no duration: write e.g. 2h, 1h30min"),
+        (["resume", "nix"], "the folder 'nix' holds no run: case.toml is expected in it"),
         (["info", "nix"], "the folder 'nix' does not exist"),
         (["info", "."], "the folder '.' holds no run"),
         (["export", "nix", "--time", "1", "--format", "vtu"], "the folder 'nix' does not exist"),
@@ -242,8 +245,11 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
     finally:
         process.kill()
     assert process.returncode == 130
-    assert err.splitlines()[-1] == "ngfsi: interrupted; what was computed is in 'out'"
+    assert re.fullmatch(
+        r"ngfsi: interrupted by Ctrl-C at t = (.*) s, checkpoint at t = \1 s: go on with `ngfsi resume out`",
+        err.splitlines()[-1],
+    )
     run = open_run(tmp_path / "out")
     assert run.status == "interrupted"
     assert run.series["time_s"][0] == 0.0
-    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["reason"] == "by the user"
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["reason"].startswith("interrupted by Ctrl-C")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import tomllib
 from collections.abc import Mapping
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from pathlib import Path
 from threading import Lock
 from types import SimpleNamespace
@@ -17,12 +19,14 @@ import pytest
 from geometry.segment import MeshSettings
 from ngfsi import study
 from ngfsi.case import Case
-from ngfsi.errors import NgfsiError
+from ngfsi.errors import NgfsiError, StoppedError
 from ngfsi.output import RunFolder, open_run
-from ngfsi.study import Outcome, markdown_table, run_cases
+from ngfsi.run import run as compute
+from ngfsi.study import Outcome, Study, markdown_table, run_cases, run_study
 from studies import compare_tissues, tissue_accuracy, tissue_figures, tissue_findings
 from studies.tissue_findings import find
 from tests.output.fake import CASE, INFLATION, fake_run
+from tests.test_resume import CASE as RESUMED
 
 SOFTER = CASE.replace(**{"materials.tissue.K": 20e3})
 
@@ -33,7 +37,8 @@ def computed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     done: list[str] = []
     lock = Lock()
 
-    def compute(case: Case, folder: Path, *_: Any) -> tuple[int, str]:
+    def compute(text: str, folder: Path, *_: Any) -> tuple[int, str]:
+        case = Case.from_dict(tomllib.loads(text))
         done.append(folder.name)
         if case.name == "dead":
             return -signal.SIGSEGV, ""
@@ -91,6 +96,61 @@ def test_failures_are_told_and_stop_nothing(tmp_path: Path, computed: list[str])
     }
     assert outcomes["bad"].run is not None
     assert outcomes["dead"].run is None
+
+
+def study_of(**cases: Case) -> Study:
+    return Study(
+        "some", cases, {"last_s": lambda run: run.series["time_s"][-1]}, {key: {"a_mm": 1 / 3} for key in cases}
+    )
+
+
+def test_a_study_runs_each_content_once_and_lists_failures(tmp_path: Path, computed: list[str]) -> None:
+    """Finished cases are never run again, whatever their key; failed ones on request; one table, one report."""
+    bad = CASE.replace(**{"name": "bad", "time.end": 0.5})
+    first = run_study(study_of(m=CASE, twin=CASE, bad=bad), tmp_path, quiet=True)
+    assert sorted(computed) == sorted({CASE.digest[:16], bad.digest[:16]})
+    assert first.table == {"m": {"last_s": 1.5}, "twin": {"last_s": 1.5}}
+    again = run_study(study_of(other=CASE, bad=bad), tmp_path, quiet=True)
+    assert len(computed) == 2
+    assert again.outcomes["bad"].failure == "the step at 1.5 s did not converge"
+    lines = (tmp_path / "some.csv").read_text().splitlines()
+    assert lines == [
+        "case,a_mm,last_s,run", f"other,{1 / 3!r},1.5,{CASE.digest[:16]}", f"bad,{1 / 3!r},,{bad.digest[:16]}"
+    ]  # fmt: skip
+    page = again.report.read_text()
+    assert "# some: 1 of 2 cases" in page
+    assert "1 failed, and are computed again on request:" in page
+    assert f"- bad (runs/{bad.digest[:16]}): the step at 1.5 s did not converge" in page
+    run_study(study_of(bad=bad), tmp_path, retry_failed=True, quiet=True)
+    assert computed[2:] == [bad.digest[:16]]
+
+
+def test_a_study_with_an_executor_goes_on_where_it_was_killed(tmp_path: Path) -> None:
+    """Real runs in the workers of a process pool: one begun before goes on from its checkpoint, the other is new."""
+    begun = RESUMED.replace(**{"time.end": 0.1})
+    new = begun.replace(**{"time.end": 0.05})
+    folder = tmp_path / "runs" / begun.digest[:16]
+    with pytest.raises(StoppedError):
+        compute(begun, folder, quiet=True, max_wall=0.01)
+    with ProcessPoolExecutor(1) as pool:
+        results = run_study(study_of(begun=begun, new=new), tmp_path, pool, quiet=True)
+    assert [outcome.failure for outcome in results.outcomes.values()] == ["", ""]
+    assert results.table == {"begun": {"last_s": 0.1}, "new": {"last_s": 0.05}}
+    assert [entry["from_s"] for entry in open_run(folder).manifest["resumed"]] == [0.0]
+
+
+class Broken(Executor):
+    """Its only worker dies."""
+
+    def submit(self, *_: Any, **__: Any) -> Future[Any]:  # type: ignore[override]
+        future: Future[Any] = Future()
+        future.set_exception(BrokenExecutor("the node is gone"))
+        return future
+
+
+def test_an_executor_that_fails_is_told(tmp_path: Path) -> None:
+    outcome = run_study(study_of(m=CASE), tmp_path, Broken(), quiet=True).outcomes["m"]
+    assert outcome.failure == "BrokenExecutor: the node is gone"
 
 
 def test_interrupted_children_are_asked_until_they_hear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pyvista as pv
 
 from ngfsi.errors import OutputError, unknown
+from ngfsi.output.disk import explained
 from ngfsi.output.fields import REGION
 from ngfsi.output.stored import StoredRun
-from ngfsi.output.table import explained
 
 Format = Literal["xdmf", "vtu", "gmsh", "abaqus"]
 SUFFIX: dict[Format, str] = {"xdmf": ".xdmf", "vtu": ".vtu", "gmsh": ".msh", "abaqus": ".inp"}

@@ -7,6 +7,7 @@ regions; the cell field `region` numbers the regions in the order of the field d
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -16,10 +17,12 @@ import numpy as np
 import pyvista as pv
 
 from ngfsi.domain import Domain
+from ngfsi.errors import OutputError
 from ngfsi.measure.wall import WallSample
-from ngfsi.output.table import explained
+from ngfsi.output.disk import explained, move_into_place, replace_file
 
 FOLDER = "fields"
+GRIDS, INDEX, NUMBERED = ("volume", "wall"), "{}.pvd", "{}_{:04d}.vtu"
 DISPLACEMENT = "displacement_m"
 REGION = "region"
 CELL_ORDER = 2
@@ -34,15 +37,25 @@ MIRRORED = {
 
 
 class FieldWriter:
-    """Writes the fields of a run into its folder."""
+    """Writes the fields of a run into its folder.
 
-    def __init__(self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction]) -> None:
+    Attributes:
+        times: of the stored fields [s].
+    """
+
+    def __init__(
+        self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf
+    ) -> None:
         """Prepare.
 
         Args:
             folder: folder of the run.
             domain: the reference shape.
             volume_fields: name with unit -> field on the whole domain; `displacement_m` must be among them.
+            until: fields up to this time [s] that the folder holds are kept, later ones removed.
+
+        Raises:
+            OutputError: the folder cannot be read or written.
         """
         if DISPLACEMENT not in volume_fields:
             raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
@@ -51,7 +64,8 @@ class FieldWriter:
         regions = list(domain.regions)
         self._regions = regions
         self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
-        self._times: list[float] = []
+        self.times = [time for time in read_index(folder / INDEX.format("volume")) if time <= until]
+        self._forget_later_ones()
 
     def write(self, time: float, wall: WallSample) -> None:
         """Store the present fields and the sampled wall as those of `time` [s].
@@ -59,13 +73,29 @@ class FieldWriter:
         Raises:
             OutputError: the files cannot be written.
         """
-        number = len(self._times)
-        self._times.append(time)
+        number = len(self.times)
+        self.times.append(time)
         with explained(self.folder / FOLDER):
             (self.folder / FOLDER).mkdir(exist_ok=True)
-            for name, grid in (("volume", self._volume()), ("wall", wall_grid(wall))):
-                self._save(grid, self.folder / FOLDER / f"{name}_{number:04d}.vtu")
-                write_index(self.folder / f"{name}.pvd", f"{FOLDER}/{name}_{{:04d}}.vtu", self._times)
+            for name, grid in zip(GRIDS, (self._volume(), wall_grid(wall)), strict=True):
+                self._save(grid, self.folder / FOLDER / NUMBERED.format(name, number))
+                self._list(name)
+
+    def _list(self, name: str) -> None:
+        write_index(self.folder / INDEX.format(name), [f"{FOLDER}/{file}" for file in self._files(name)], self.times)
+
+    def _files(self, name: str) -> list[str]:
+        return [NUMBERED.format(name, number) for number in range(len(self.times))]
+
+    def _forget_later_ones(self) -> None:
+        kept = {file for name in GRIDS for file in self._files(name)}
+        with explained(self.folder / FOLDER):
+            for name in GRIDS:
+                if (self.folder / INDEX.format(name)).exists():
+                    self._list(name)
+            for path in (self.folder / FOLDER).glob("*.vtu"):
+                if path.name not in kept:
+                    path.unlink()
 
     def _volume(self) -> pv.UnstructuredGrid:
         raw = self.folder / FOLDER / "unfinished"
@@ -90,7 +120,7 @@ class FieldWriter:
     def _save(grid: pv.UnstructuredGrid, path: Path) -> None:
         partial = path.with_name(f"part-{path.name}")
         grid.save(partial)
-        partial.replace(path)
+        move_into_place(partial, path)
 
 
 def _orient(grid: pv.UnstructuredGrid) -> None:
@@ -113,13 +143,26 @@ def wall_grid(wall: WallSample) -> pv.UnstructuredGrid:
     return grid
 
 
-def write_index(path: Path, pattern: str, times: list[float]) -> None:
-    """Write the .pvd file that gives the file `pattern.format(i)` the i-th time [s]."""
+def write_index(path: Path, files: Sequence[str], times: Sequence[float]) -> None:
+    """Write the .pvd file that gives each file its time [s]."""
     root: Any = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ElementTree.SubElement(root, "Collection")
-    for number, time in enumerate(times):
-        ElementTree.SubElement(collection, "DataSet", timestep=repr(float(time)), part="0", file=pattern.format(number))
+    for file, time in zip(files, times, strict=True):
+        ElementTree.SubElement(collection, "DataSet", timestep=repr(float(time)), part="0", file=file)
     ElementTree.indent(root)
-    partial = path.with_name(f"part-{path.name}")
-    ElementTree.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
-    partial.replace(path)
+    replace_file(path, ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def read_index(path: Path) -> list[float]:
+    """Return the times [s] in a .pvd file; none if there is no file.
+
+    Raises:
+        OutputError: the file cannot be read.
+    """
+    if not path.exists():
+        return []
+    try:
+        with explained(path, "read"):
+            return [float(entry.attrib["timestep"]) for entry in ElementTree.parse(path).iter("DataSet")]
+    except (ElementTree.ParseError, KeyError, ValueError):
+        raise OutputError(f"'{path}' is not a list of fields") from None

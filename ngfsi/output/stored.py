@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.errors import OutputError
+from ngfsi.output.disk import explained
 from ngfsi.output.folder import CASE, COSTS, MANIFEST, OUTLINES, SERIES
-from ngfsi.output.table import explained, read_table
+from ngfsi.output.table import read_table
 
 Which = Literal["volume", "wall"]
 Columns = dict[str, NDArray[np.float64]]

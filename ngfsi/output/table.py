@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import OutputError
+from ngfsi.output.disk import explained, replace_file
 
-
-@contextmanager
-def explained(path: Path, doing: str = "written") -> Iterator[None]:
-    """Turn an error of the operating system inside the block into an OutputError that names the file."""
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"'{path}' cannot be {doing}: {error.strerror or error}") from error
+TIME = "time_s"
 
 
 class TableWriter:
@@ -29,6 +23,27 @@ class TableWriter:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._columns: tuple[str, ...] = ()
+
+    @classmethod
+    def continued(cls, path: Path, until: float) -> Self:
+        """Return the writer of a table of which the rows later than `until` (s, column time_s) are removed.
+
+        Raises:
+            OutputError: the file cannot be read or written, or has no column time_s.
+        """
+        writer = cls(path)
+        if not path.exists():
+            return writer
+        with explained(path, "read"):
+            lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        whole = [line for line in lines if line.endswith("\n")]
+        table = read_table(path)
+        if whole and TIME not in table:
+            raise OutputError(f"'{path}' has no column {TIME}")
+        kept = whole[:1] + [line for line, time in zip(whole[1:], table.get(TIME, ()), strict=True) if time <= until]
+        replace_file(path, "".join(kept).encode())
+        writer._columns = tuple(table)
+        return writer
 
     def append(self, *rows: Mapping[str, float]) -> None:
         """Append rows with the same columns as the first one and wait until they are on the disk.

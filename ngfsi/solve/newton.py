@@ -38,6 +38,14 @@ DEPENDENT = 1e-12
 """Differences that depend on each other up to this share add nothing."""
 
 
+FACTORED_KEPT = 2
+
+
+def part_of(arrays: Mapping[str, Vector], name: str) -> dict[str, Vector]:
+    """Return the arrays named `name.something` as those named `something`."""
+    return {key.removeprefix(f"{name}."): part for key, part in arrays.items() if key.startswith(f"{name}.")}
+
+
 @dataclass
 class Solution:
     """What a solve took."""
@@ -59,6 +67,17 @@ class Mixing:
         self._dx: list[Vector] = []
         self._dg: list[Vector] = []
         self._last: tuple[Vector, Vector] | None = None
+
+    def arrays(self) -> dict[str, Vector]:
+        """Return what it has learnt as plain arrays, for storage."""
+        return {"equations": self._equations, "dx": np.array(self._dx), "dg": np.array(self._dg)}
+
+    @classmethod
+    def stored(cls, arrays: Mapping[str, Vector]) -> Mixing:
+        """Return the mixing stored as `arrays`."""
+        mixing = cls(*arrays["equations"])
+        mixing._dx, mixing._dg = list(arrays["dx"]), list(arrays["dg"])
+        return mixing
 
     def of(self, *equations: float) -> Mixing:
         """Return the mixing of another solve with the same factors: this one, or a new one for other equations."""
@@ -92,8 +111,31 @@ class Newton:
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False
+        self._factored_at: list[dict[str, Vector]] = []
         self._mixing = Mixing(*self._equations())
         self._update = system.state.vec.CreateVector()
+
+    def arrays(self) -> dict[str, Vector]:
+        """Return as plain arrays what the next solve depends on, for `restore`: of the factors, where they were made.
+
+        Those are the first and the last point: Pardiso orders and scales every matrix as the first one.
+        """
+        kept = {f"point{i}.{name}": part for i, point in enumerate(self._factored_at) for name, part in point.items()}
+        kept |= {f"mixing.{name}": part for name, part in self._mixing.arrays().items()}
+        weight = np.nan if self._factored_weight is None else self._factored_weight
+        return kept | {"renewal": np.array([weight, self._stale])}
+
+    def restore(self, arrays: Mapping[str, Vector]) -> None:
+        """Go on as the solver that returned `arrays`; its factors are made again, and the system is left there."""
+        self._factored_at = []
+        for i in range(FACTORED_KEPT):
+            if point := part_of(arrays, f"point{i}"):
+                self.system.restore(point)
+                self._factorise()
+        weight, stale = arrays["renewal"]
+        self._factored_weight = None if np.isnan(weight) else float(weight)
+        self._stale = bool(stale)
+        self._mixing = Mixing.stored(part_of(arrays, "mixing"))
 
     def solve(self, tolerance: float, max_iterations: int) -> Solution:
         """Solve from the present state; the solution becomes the state.
@@ -166,11 +208,15 @@ class Newton:
 
     def _renew(self, solution: Solution) -> None:
         self.system.apply_inflow()
-        self.factorisation.renew(self.system.state.vec)
+        self._factorise()
         self._factored_weight = self.system.new_weight.Get()
         self._mixing = Mixing(*self._equations())
         self._stale = False
         solution.factorisations += 1
+
+    def _factorise(self) -> None:
+        self.factorisation.renew(self.system.state.vec)
+        self._factored_at = [*self._factored_at[: FACTORED_KEPT - 1], self.system.snapshot()]
 
     @staticmethod
     def _grown(history: list[float]) -> bool:

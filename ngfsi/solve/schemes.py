@@ -32,6 +32,19 @@ def bdf2(step: float, previous_step: float) -> Weights:
     return Weights((1 + 2 * ratio) / (1 + ratio) / step, -(1 + ratio) / step, ratio**2 / (1 + ratio) / step)
 
 
+def share_of_error(step: float, previous: float, before: float) -> float:
+    """Return the local error of a step of BDF2 over its distance from the quadratic predictor.
+
+    Both are multiples of the third derivative (Milne's device; Hairer, Norsett, Wanner, Solving ODEs I, ch. III.7): of
+    BDF2 h^2 (h + h1)^2 / (6 (2 h + h1)), of the polynomial through the last three states h (h + h1) (h + h1 + h2) / 6.
+
+    Args:
+        step, previous, before: sizes h, h1, h2 of this step and the last two [s].
+    """
+    corrector = step**2 * (step + previous) ** 2 / (2 * step + previous)
+    return corrector / (corrector + step * (step + previous) * (step + previous + before))
+
+
 def weights(scheme: SchemeName, step: float, previous_step: float | None) -> Weights:
     """Return the weights of a step [s]; without a smooth previous step (None) the first one is backward Euler.
 

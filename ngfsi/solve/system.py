@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -212,6 +213,28 @@ class System:
         """Let all rates vanish."""
         zero = np.zeros(self.unknowns.size)
         self.set_rates(STEADY, (zero, zero), (zero, zero))
+
+    def snapshot(self) -> dict[str, Vector]:
+        """Return copies of all that residual and derivative depend on beside the case, for `restore`."""
+        fields = {name: np.array(field.vec.FV().NumPy()) for name, field in self._fields_of_state().items()}
+        return fields | {"loads": np.array([p.Get() for p in self._parameters()] + [self.flow_rate])}
+
+    def restore(self, snapshot: Mapping[str, Vector]) -> None:
+        """Take the state, rates and loads of a snapshot of an equal system."""
+        for name, field in self._fields_of_state().items():
+            field.vec.FV().NumPy()[:] = snapshot[name]
+        *values, self.flow_rate = map(float, snapshot["loads"])
+        for parameter, value in zip(self._parameters(), values, strict=True):
+            parameter.Set(value)
+
+    def _fields_of_state(self) -> dict[str, GridFunction]:
+        fields = {"state": self.state, "velocity_history": self.velocity_history}
+        fields["acceleration_history"] = self.acceleration_history
+        return fields if self.relaxation is None else {**fields, "relaxation": self.relaxation}
+
+    def _parameters(self) -> tuple[Parameter, ...]:
+        pressures = (self.skin_pressure, self.outlet_pressure, self.inlet_pressure)
+        return (self.new_weight, self.blood_density, *pressures)
 
     def rates(self) -> Vector:
         """Rates of all unknowns at the present state."""

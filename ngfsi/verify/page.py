@@ -8,9 +8,9 @@ from pathlib import Path
 
 from rich.table import Table
 
+from ngfsi.output.disk import explained
 from ngfsi.output.figures import Convergence, convergence, signals_over_time
 from ngfsi.output.provenance import versions
-from ngfsi.output.table import explained
 from ngfsi.study import markdown_table
 from ngfsi.verify.engine import Result, Row, not_verified
 

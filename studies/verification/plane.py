@@ -21,9 +21,10 @@ from ngfsi.curves import FlowConstant, PressureConstant
 from ngfsi.domain import Domain
 from ngfsi.measure.deformation import Deformation
 from ngfsi.meshing import cache_folder
+from ngfsi.output.checkpoint import Checkpoints
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
-from ngfsi.solve.timeloop import History, TimeLoop
+from ngfsi.solve.timeloop import TimeLoop
 
 Array = NDArray[np.float64]
 
@@ -65,25 +66,19 @@ def march(system: System, newton: Newton, measure: Callable[[], Array]) -> Array
 
     What was computed is kept beside the cached meshes; a computation that was stopped goes on from there.
     """
-    store = cache_folder().parent / "verification" / f"{_fingerprint(system)}.npz"
-    rows: list[Array] = []
-    history = None
-    if store.exists():
-        with np.load(store, allow_pickle=False) as kept:
-            rows, history = list(kept["rows"]), History.of(kept)
-    else:
-        rows.append(np.concatenate([[0.0], measure()]))
-    loop = TimeLoop(system.case, system, newton, Deformation(system).inversion, history=history)
+    store = Checkpoints(cache_folder().parent / "verification" / _fingerprint(system), {})
+    rows = [np.concatenate([[0.0], measure()])]
+    loop = TimeLoop(system.case, system, newton, Deformation(system).inversion)
+    if kept := store.latest():
+        rows = list(kept.arrays.pop("rows"))
+        loop.restore(kept.arrays)
     saved = monotonic()
     for step in loop.run():
         rows.append(np.concatenate([[step.time], measure()]))
         if monotonic() - saved > SAVED_EVERY:
-            store.parent.mkdir(parents=True, exist_ok=True)
-            partial = store.with_suffix(".part.npz")
-            np.savez(partial, rows=np.array(rows), **loop.history.arrays())  # type: ignore[arg-type]
-            partial.replace(store)
+            store.write(step.index, loop.arrays() | {"rows": np.array(rows)})
             saved = monotonic()
-    store.unlink(missing_ok=True)
+    store.clear()
     return np.array(rows)
 
 

@@ -1,0 +1,60 @@
+"""Where elements are worst: known places of a stretch that varies along the vein."""
+
+from __future__ import annotations
+
+import re
+
+import ngsolve as ng
+import pytest
+
+from ngfsi.measure.deformation import Deformation
+from ngfsi.solve.system import System
+from tests.vein import TUBE, case_of, system_of
+
+
+@pytest.fixture
+def system() -> System:
+    return system_of(case_of(TUBE))
+
+
+def squeeze(system: System, share: float) -> None:
+    """Displace by -share z^2 / L along the vein: det F = 1 - 2 share z / L, smallest at the outlet."""
+    system.state.components[0].Set(ng.CF((0, 0, -share * ng.z**2 / TUBE.length)))
+
+
+def height(text: str) -> float:
+    """Return the last of the coordinates (m) in a sentence."""
+    (found,) = re.findall(r"near \([^,]*, [^,]*, ([^)]*)\) mm", text)
+    return 1e-3 * float(found)
+
+
+def test_worst_place(system: System) -> None:
+    squeeze(system, 0.2)
+    deformation = Deformation(system)
+    for region in ("tissue", "wall", "fluid"):
+        smallest, place = deformation.worst(region)
+        assert smallest == deformation.smallest_jacobian(region)
+        z = (1 - smallest) / 0.4 * TUBE.length
+        assert 0.85 * TUBE.length < z < TUBE.length
+        assert height(f"near {place}") == pytest.approx(z - 0.2 * z**2 / TUBE.length, rel=5e-3)
+    assert deformation.inversion() == ""
+    assert deformation.approaching() == []
+    assert "no element is close to inversion, the vein may have lost its stability" in deformation.narrowest()
+
+
+def test_inversion_is_announced_once_and_named(system: System) -> None:
+    deformation = Deformation(system)
+    squeeze(system, 0.48)
+    warnings = deformation.approaching()
+    assert len(warnings) == 3
+    assert re.match(r"elements of 'tissue' near \(.*\) mm are close to inversion, det F 0\.[01]", warnings[0])
+    assert deformation.approaching() == []
+    assert deformation.inversion() == ""
+    assert "stability" not in deformation.narrowest()
+    squeeze(system, 0.7)
+    said = deformation.inversion()
+    assert said.startswith("elements of 'tissue' invert near (")
+    assert height(said) < 0.7 * TUBE.length
+    only_blood = Deformation(system)
+    only_blood._points = {"fluid": only_blood._points["fluid"]}
+    assert only_blood.inversion().startswith("the mesh of the blood is folded near (")

@@ -1,0 +1,311 @@
+"""Runs that are stopped, killed or lose their disk: what is resumed is what would have been computed without it."""
+
+from __future__ import annotations
+
+import errno
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ngfsi.case import Case
+from ngfsi.curves import PressureRamp
+from ngfsi.errors import OutputError, SolverError, StoppedError
+from ngfsi.measure.deformation import Deformation
+from ngfsi.output import RunFolder, open_run
+from ngfsi.run import resume, run
+from ngfsi.solve.newton import Solution
+from ngfsi.solve.timeloop import TimeLoop
+from ngfsi.stops import Stops
+from tests.vein import TUBE, case_of
+
+CASE = case_of(
+    TUBE,
+    **{
+        "loads.skin_pressure": PressureRamp(final=3000.0, duration=0.2),
+        "time.step": 0.05,
+        "time.end": 0.3,
+        "output.fields_every": 3,
+        "output.checkpoint_every": 2,
+    },
+)
+STEPS = 6
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run(CASE, tmp_path_factory.mktemp("whole") / "run", quiet=True).path
+
+
+def assert_same(folder: Path, wanted: Path) -> None:
+    """Every number, row and file of two runs is the same, and nothing but the record of how it went on differs."""
+    assert open_run(folder).status == "completed"
+    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in wanted.iterdir())
+    for name in ("series.csv", "outlines.csv", "volume.pvd", "wall.pvd"):
+        assert (folder / name).read_bytes() == (wanted / name).read_bytes(), name
+    files = sorted(path.name for path in (wanted / "fields").iterdir())
+    assert sorted(path.name for path in (folder / "fields").iterdir()) == files
+    for file in files:
+        assert (folder / "fields" / file).read_bytes() == (wanted / "fields" / file).read_bytes(), file
+    one, other = open_run(folder), open_run(wanted)
+    for column in set(other.costs) - {"wall_s"}:
+        np.testing.assert_array_equal(one.costs[column], other.costs[column])
+    assert one.manifest["factorisations"] == other.manifest["factorisations"]
+
+
+def stop_after(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
+    """Let runs be asked to stop when they have taken so many steps."""
+    asked = iter([None] * steps)
+    monkeypatch.setattr(Stops, "request", lambda _: next(asked, StoppedError("stopped by the test")))
+
+
+def stopped_again_and_again(case: Case, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a case, stopped at the start and after each step."""
+    with monkeypatch.context() as patch:
+        stop_after(patch, 0)
+        with pytest.raises(StoppedError, match=rf"at t = 0 s, .*: go on with `ngfsi resume {folder}`"):
+            run(case, folder, quiet=True)
+        for number in range(1, 100):
+            stop_after(patch, 1)
+            try:
+                resume(folder, quiet=True)
+            except StoppedError:
+                assert open_run(folder).status == "interrupted"
+                assert len(open_run(folder).series["time_s"]) == number + 1
+            else:
+                break
+    assert number >= STEPS
+
+
+def test_stopped_after_each_step(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the last bit: BDF2 with two steps of history, the factors and what the mixing has learnt."""
+    stopped_again_and_again(CASE, tmp_path / "run", monkeypatch)
+    assert_same(tmp_path / "run", whole)
+
+
+def test_stopped_while_a_step_is_halved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The step from 0.1 s to 0.15 s fails when it is tried in one go."""
+    attempt = TimeLoop._attempt
+
+    def failing(self: TimeLoop, time: float, size: float) -> Solution:
+        if abs(time - 0.1) < 1e-9 and size > 0.04:
+            raise SolverError("told to fail")
+        return attempt(self, time, size)
+
+    monkeypatch.setattr(TimeLoop, "_attempt", failing)
+    case = CASE.replace(**{"time.end": 0.25})
+    wanted = run(case, tmp_path / "whole", quiet=True)
+    sizes = wanted.series["step_s"][1:]
+    assert sizes == pytest.approx([0.05, 0.05, 0.025, 0.025, 0.05, 0.05])
+    stopped_again_and_again(case, tmp_path / "run", monkeypatch)
+    assert_same(tmp_path / "run", wanted.path)
+
+
+def test_stopped_prestressed_with_another_solver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    changes = {"conditions.initial_state": "prestress", "time.end": 0.1, "solver.linear": "umfpack"}
+    case = CASE.replace(**changes)
+    wanted = run(case, tmp_path / "whole", quiet=True)
+    with monkeypatch.context() as patch:
+        stop_after(patch, 1)
+        with pytest.raises(StoppedError):
+            run(case, tmp_path / "run", quiet=True)
+    resume(tmp_path / "run", quiet=True)
+    assert_same(tmp_path / "run", wanted.path)
+
+
+# ---------------------------------------------------------------- killed
+
+
+def killed(operation: int, work: Callable[..., Any], *arguments: Any) -> int:
+    """Do work in a process that is killed just before its so-manieth sync or rename of a file; return its exit code."""
+    child = multiprocessing.get_context("fork").Process(target=_until_killed, args=(operation, work, *arguments))
+    child.start()
+    child.join()
+    assert child.exitcode is not None
+    return child.exitcode
+
+
+def _until_killed(operation: int, work: Callable[..., Any], *arguments: Any) -> None:
+    left = iter(range(operation, -1, -1))
+
+    def counted(real: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*given: Any) -> Any:
+            if next(left) == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return real(*given)
+
+        return call
+
+    os.fsync, Path.replace = counted(os.fsync), counted(Path.replace)  # type: ignore[method-assign]
+    work(*arguments, quiet=True)
+
+
+def test_killed_at_any_moment(whole: Path, tmp_path: Path) -> None:
+    """Again and again in one run, between any two operations on the disk: neither gap, duplicate nor other number."""
+    folder, moments = tmp_path / "run", np.random.default_rng(7)
+    assert killed(15, run, CASE, folder) == -signal.SIGKILL
+    kills = 1
+    while killed(int(moments.integers(10, 70)), resume, folder) == -signal.SIGKILL:
+        kills += 1
+        assert kills < 100
+    assert kills >= 3
+    assert_same(folder, whole)
+    assert len(open_run(folder).manifest["resumed"]) <= kills
+
+
+def test_killed_before_the_first_checkpoint(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    assert killed(9, run, CASE, folder) == -signal.SIGKILL
+    assert not list(folder.glob("checkpoints/*.json"))
+    assert open_run(folder).status == "running"
+    resume(folder, quiet=True)
+    assert_same(folder, whole)
+
+
+# ---------------------------------------------------------------- checkpoints that cannot be used
+
+
+@pytest.fixture
+def stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A run with checkpoints after 4 and 5 steps."""
+    with monkeypatch.context() as patch:
+        stop_after(patch, 5)
+        with pytest.raises(StoppedError):
+            run(CASE, tmp_path / "run", quiet=True)
+    return tmp_path / "run"
+
+
+def truncated(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def flipped(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 4
+    path.write_bytes(content)
+
+
+def test_a_damaged_checkpoint_is_passed_over(stopped: Path, whole: Path) -> None:
+    newest = stopped / "checkpoints" / "step-000005.npz"
+    flipped(newest)
+    resume(stopped, quiet=True)
+    assert (
+        f"passed over: '{newest.with_suffix('.json')}' has arrays that are not as they were written"
+        in (stopped / "run.log").read_text()
+    )
+    assert open_run(stopped).manifest["resumed"][0]["from_s"] == 0.2
+    assert_same(stopped, whole)
+
+
+@pytest.mark.parametrize("damage", [truncated, flipped, Path.unlink])
+def test_every_damage_is_seen(stopped: Path, damage: Callable[[Path], None]) -> None:
+    """In records and arrays; with no checkpoint left nothing is changed."""
+    folder = stopped / "checkpoints"
+    damage(folder / "step-000005.npz")
+    flipped(folder / "step-000004.json")
+    before = {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()}
+    with pytest.raises(
+        OutputError, match=r"no checkpoint can be used: .*step-000005\.json' has .*step-000004\.json' is"
+    ):
+        resume(stopped, quiet=True)
+    assert {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()} == before
+
+
+def test_other_case_version_and_mesh_are_refused(stopped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = stopped / "case.toml"
+    written = file.read_text()
+    file.write_text(CASE.replace(**{"materials.wall.young": 9e4, "loads.inlet_flow.value": 3e-6}).to_toml())
+    with pytest.raises(OutputError, match=r"materials\.wall\.young_Pa is .* there, 90000\.0 here \(and 1 more\)"):
+        resume(stopped, quiet=True)
+    file.write_text(CASE.replace(name="renamed").to_toml())
+    with monkeypatch.context() as patch:
+        patch.setattr("ngfsi.__version__", "99")
+        with pytest.raises(OutputError, match=r"of something else: version\.ngfsi is .* there, 99 here"):
+            resume(stopped, quiet=True)
+    with monkeypatch.context() as patch:
+        patch.setattr("ngfsi.domain.Domain.fingerprint", "other")
+        with pytest.raises(OutputError, match="is of another mesh"):
+            resume(stopped, quiet=True)
+    file.write_text(written)
+    resume(stopped, quiet=True)
+
+
+def test_runs_that_cannot_be_resumed(whole: Path, stopped: Path, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="is complete: there is nothing to resume"):
+        resume(whole)
+    with pytest.raises(OutputError, match="holds no run"):
+        resume(tmp_path)
+    under_way = RunFolder.reopen(stopped, CASE, 0.25)
+    with pytest.raises(OutputError, match="is being computed by another process"):
+        resume(stopped)
+    under_way.finish("interrupted")
+    resume(stopped, quiet=True)
+
+
+# ---------------------------------------------------------------- disks
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+def test_a_checkpoint_that_cannot_be_written_costs_nothing(
+    number: int, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = Path.write_bytes
+
+    def full(path: Path, content: bytes) -> int:
+        real(path, content[: len(content) // 2])
+        if "step-000004" in path.name:
+            raise OSError(number, os.strerror(number))
+        return real(path, content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        stop_after(patch, 5)
+        with pytest.raises(StoppedError):
+            run(CASE, tmp_path / "run", quiet=True)
+    kept = sorted(path.name for path in (tmp_path / "run" / "checkpoints").iterdir())
+    assert kept == ["step-000002.json", "step-000002.npz", "step-000005.json", "step-000005.npz"]
+    assert (
+        f"t = 0.2 s: no checkpoint: '{tmp_path}/run/checkpoints/step-000004.npz' cannot be written: "
+        in (tmp_path / "run" / "run.log").read_text()
+    )
+    resume(tmp_path / "run", quiet=True)
+    assert_same(tmp_path / "run", whole)
+
+
+def test_a_full_disk_ends_the_run_in_a_sentence(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing can be written any more, not even how it ended: what is there can be read, and resumed later."""
+    left = iter([True] * 45)
+    real = os.fsync
+
+    def full(number: int) -> None:
+        if not next(left, False):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(number)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OutputError, match=r"cannot be written: No space left on device"):
+            run(CASE, tmp_path / "run", quiet=True)
+    assert 2 < len(open_run(tmp_path / "run").series["time_s"]) <= STEPS
+    resume(tmp_path / "run", quiet=True)
+    assert_same(tmp_path / "run", whole)
+
+
+def test_the_last_good_state_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a run that fails, with the velocity of that state and not of the attempt."""
+    inspect = Deformation.inversion
+    good = iter([True] * 4)
+    monkeypatch.setattr(Deformation, "inversion", lambda self: inspect(self) if next(good, False) else "too far")
+    with pytest.raises(SolverError, match=r"ended at t = 0\.2 s .* too far; what was computed is in"):
+        run(CASE.replace(**{"time.smallest_step": 0.04, "output.fields_every": 0}), tmp_path / "failed", quiet=True)
+    monkeypatch.undo()
+    wanted = run(CASE.replace(**{"time.end": 0.2, "output.fields_every": 0}), tmp_path / "short", quiet=True)
+    assert open_run(tmp_path / "failed").field_times() == [0.0, 0.2] == wanted.field_times()
+    found, expected = (open_run(tmp_path / name).fields(0.2).point_data for name in ("failed", "short"))
+    for name in ("velocity_m_s", "displacement_m", "pressure_Pa"):
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-6 * np.abs(expected[name]).max())
