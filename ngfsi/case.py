@@ -9,7 +9,7 @@ import hashlib
 import json
 import re
 import tomllib
-from math import ceil
+from math import ceil, pi
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -23,7 +23,7 @@ from ngfsi.curves import FlowConstant, FlowCurve, PressureConstant, PressureCurv
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.section import Section
-from ngfsi.units import MMHG, Time
+from ngfsi.units import MMHG, Angle, Length, Time
 
 
 def _build_geometry(value: Any, info: ValidationInfo) -> Any:
@@ -63,10 +63,38 @@ class Materials(Section):
         return law
 
 
+class Cuff(Section):
+    """A pressure on a part of the skin, over time: of a stocking's zone, or of one chamber of a pneumatic sleeve.
+
+    It is whole inside the part, and falls smoothly to zero over `edge`, half of it outside.
+    """
+
+    pressure: PressureCurve
+    start: Length
+    """Height z where it begins, and `end`: where it ends, on the reference shape."""
+    end: Length
+    direction: Angle = 0.0
+    """Of its middle, around the axis of the segment from x (lateral) to y (anterior)."""
+    half_width: Angle | None = Field(default=None, gt=0, lt=pi)
+    """Angle from the middle to either side; None: all around."""
+    edge: Length = Field(default=5e-3, gt=0)
+
+    @model_validator(mode="after")
+    def _has_a_height(self) -> Self:
+        if self.end - self.start < self.edge:
+            raise ValueError(
+                f"a cuff from z = {self.start:g} m to {self.end:g} m is lower than its edge, {self.edge:g} m"
+            )
+        return self
+
+
 class Loads(Section):
     """What acts from outside, over time."""
 
     skin_pressure: PressureCurve
+    """Everywhere on the skin."""
+    cuffs: tuple[Cuff, ...] = ()
+    """Pressures on parts of the skin, added to `skin_pressure`; together any function of height, angle and time."""
     inlet_flow: FlowCurve = FlowConstant(value=2.913e-6)
     """Flux of blood relative to the moving inlet; default: 1.12 times the flow of the study's subject 7."""
     inlet_pressure: PressureCurve | None = None
@@ -76,7 +104,8 @@ class Loads(Section):
     @property
     def breakpoints(self) -> frozenset[float]:
         """Times (s) where the slope of a load jumps."""
-        acting = (self.skin_pressure, self.inlet_pressure or self.inlet_flow, self.outlet_pressure)
+        cuffs = (cuff.pressure for cuff in self.cuffs)
+        acting = (self.skin_pressure, *cuffs, self.inlet_pressure or self.inlet_flow, self.outlet_pressure)
         return frozenset(t for curve in acting for t in curve.breakpoints)
 
 

@@ -9,9 +9,10 @@ Computational Mechanics (2004), non-conservative form on the reference shape.
 
 from __future__ import annotations
 
+from math import cos, sin
 from typing import Any, Protocol, TypeAlias
 
-from ngsolve import Det, IfPos, InnerProduct
+from ngsolve import Det, IfPos, InnerProduct, acos, sqrt, x, y, z
 
 from ngfsi.physics.kinematics import Kinematics, in_space
 
@@ -125,6 +126,31 @@ def elastic_extension(stiffness: CF, k: Kinematics, grad_v: CF) -> CF:
 def follower_pressure(pressure: CF, k: Kinematics, normal: CF, v: CF) -> CF:
     """p cof(F) N . v: a pressure on the deformed face, N the outward reference normal."""
     return pressure * InnerProduct(k.cof * normal, v)
+
+
+def part_of_skin(start: float, end: float, edge: float, direction: float = 0.0, half_width: float | None = None) -> CF:
+    """Share of a pressure that acts at a point of the skin: 1 inside of a part, 0 outside, smooth over its edge.
+
+    The integral over the height is end - start exactly, and over the arc at radius r it is 2 r half_width.
+
+    Args:
+        start, end: heights of the part [m].
+        edge: width of the smooth edge [m], half of it outside.
+        direction, half_width: middle and half of the angle around the axis [rad]; half_width None: all around.
+    """
+    share = _smooth_step((z - start) / edge) * _smooth_step((end - z) / edge)
+    if half_width is None:
+        return share
+    radius = sqrt(x * x + y * y)
+    # the arc cosine must not see rounding beyond 1
+    cosine = (x * cos(direction) + y * sin(direction)) / radius * (1 - 1e-14)
+    return share * _smooth_step((half_width - acos(cosine)) * radius / edge)
+
+
+def _smooth_step(s: CF) -> CF:
+    """Rise from 0 at s = -1/2 to 1 at s = 1/2, odd about the middle and without a kink."""
+    inside = IfPos(s - 0.5, 1.0, IfPos(s + 0.5, s + 0.5, 0.0))
+    return inside * inside * (3 - 2 * inside)
 
 
 def opening(fluid: Viscous, pressure: CF, k: Kinematics, grad_u: CF, normal: CF, v: CF) -> CF:

@@ -91,8 +91,7 @@ def _in_load_steps(system: System, newton: Newton) -> None:
 
 def _set_share(system: System, share: float) -> None:
     system.set_loads(0.0)
-    system.skin_pressure.Set(share * system.skin_pressure.Get())
-    for pressure in system.openings.values():
+    for pressure in (system.skin_pressure, *system.cuff_pressures, *system.openings.values()):
         pressure.Set(share * pressure.Get())
     system.flow_rate *= share
 

@@ -73,6 +73,7 @@ class System:
         self.acceleration_history = GridFunction(space)
         self.new_weight = Parameter(0.0)
         self.skin_pressure = Parameter(0.0)
+        self.cuff_pressures = [Parameter(0.0) for _ in case.loads.cuffs]
         self.outlet_pressure, self.inlet_pressure = Parameter(0.0), Parameter(0.0)
         self.openings = {"outlet": self.outlet_pressure} | ({} if inflow else {"inlet": self.inlet_pressure})
         self.blood_density = Parameter(self.blood.density if domain.geometry.fluid else 0.0)
@@ -147,9 +148,17 @@ class System:
             parts += [Part([*works, terms.inertia(law.density, acceleration, v)], measure), *more]
         if self.domain.has_boundary("skin"):
             skin, normal = Kinematics(ng.Grad(m).Trace()), ng.specialcf.normal(self.domain.mesh.dim)
-            pressure = terms.follower_pressure(self.skin_pressure, skin, normal, v.Trace())
+            pressure = terms.follower_pressure(self._on_skin(), skin, normal, v.Trace())
             parts.append(Part([pressure], self.domain.ds("skin")))
         return parts
+
+    def _on_skin(self) -> Any:
+        """Return the pressure on the skin as a function of place."""
+        parts = [
+            pressure * terms.part_of_skin(cuff.start, cuff.end, cuff.edge, cuff.direction, cuff.half_width)
+            for pressure, cuff in zip(self.cuff_pressures, self.case.loads.cuffs, strict=True)
+        ]
+        return sum(parts, self.skin_pressure)
 
     def fluid_parts(self) -> list[Part]:
         """Return the integrands of the blood and of the mesh motion."""
@@ -197,6 +206,8 @@ class System:
         """Take the loads of time t (s)."""
         loads = self.case.loads
         self.skin_pressure.Set(loads.skin_pressure(t))
+        for parameter, cuff in zip(self.cuff_pressures, loads.cuffs, strict=True):
+            parameter.Set(cuff.pressure(t))
         self.outlet_pressure.Set(loads.outlet_pressure(t))
         if loads.inlet_pressure is None:
             self.flow_rate = loads.inlet_flow(t)
@@ -234,7 +245,7 @@ class System:
 
     def _parameters(self) -> tuple[Parameter, ...]:
         pressures = (self.skin_pressure, self.outlet_pressure, self.inlet_pressure)
-        return (self.new_weight, self.blood_density, *pressures)
+        return (self.new_weight, self.blood_density, *pressures, *self.cuff_pressures)
 
     def rates(self) -> Vector:
         """Rates of all unknowns at the present state."""

@@ -1,0 +1,103 @@
+"""Pressure on parts of the skin: forces in closed form, and equal loads written in other ways."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import pytest
+
+from geometry.segment import MeshSettings
+from ngfsi.case import Cuff
+from ngfsi.curves import PressureConstant, PressureRamp
+from ngfsi.errors import CaseError
+from ngfsi.solve.system import System
+from tests.runs import computed, largest_change
+from tests.slopes import apply
+from tests.vein import TUBE, case_of, system_of
+
+PRESSURE = 700.0
+FINE = TUBE.replace(mesh=MeshSettings(axial_layers=10, far_size=4e-3, vein_size=6e-3, lumen_radii=(), curving_order=2))
+
+
+def cuff(**given: Any) -> Cuff:
+    return Cuff(pressure=PressureConstant(value=PRESSURE), **{"start": 0.0, "end": TUBE.length, "edge": 2e-3, **given})
+
+
+def system_with(*cuffs: Cuff, geometry: Any = TUBE) -> System:
+    system = system_of(case_of(geometry, **{"loads.cuffs": cuffs}))
+    system.set_steady()
+    system.set_loads(0.0)
+    return system
+
+
+@cache
+def unloaded_system(geometry: Any) -> System:
+    return system_of(case_of(geometry))
+
+
+def force_along(system: System, direction: ng.CoefficientFunction) -> float:
+    """Return the virtual work of the load on the undeformed skin along a displacement field."""
+    unloaded = unloaded_system(system.case.geometry)
+    virtual = ng.GridFunction(system.unknowns.space)
+    virtual.components[0].Set(direction)
+    rest = np.zeros(system.unknowns.size)
+    residual = apply(system.form, system.state.vec, rest) - apply(unloaded.form, unloaded.state.vec, rest)
+    return float(residual @ virtual.vec.FV().NumPy())
+
+
+@pytest.mark.parametrize(
+    ("given", "share"),
+    [
+        ({"start": 0.002, "end": 0.007}, 0.5),
+        ({"start": 0.002, "end": 0.007, "half_width": np.pi / 3, "direction": 2.0}, 0.5 / 3),
+        ({"start": -1.0, "end": 1.0, "half_width": np.pi / 2}, 0.5),
+    ],
+)
+def test_work_of_a_cuff(given: dict[str, float], share: float) -> None:
+    """Along a displacement by the position: p R times the area of the part. It pushes inwards, on residual's sign +."""
+    work = force_along(system_with(cuff(**given), geometry=FINE), ng.CF((ng.x, ng.y, 0)))
+    whole = PRESSURE * TUBE.skin_radius * 2 * np.pi * TUBE.skin_radius * TUBE.length
+    assert work == pytest.approx(share * whole, rel=1e-2)
+
+
+def test_a_cuff_pushes_from_its_side() -> None:
+    """Net force 2 p R h sin(half_width), against its direction."""
+    system = system_with(cuff(start=-1.0, end=1.0, direction=0.5, half_width=0.8), geometry=FINE)
+    along, across = (force_along(system, ng.CF((np.cos(a), np.sin(a), 0))) for a in (0.5, 0.5 + np.pi / 2))
+    expected = 2 * PRESSURE * TUBE.skin_radius * TUBE.length * np.sin(0.8)
+    assert along == pytest.approx(expected, rel=1e-2)
+    assert abs(across) < 1e-2 * expected
+
+
+def test_cuffs_that_cover_all_are_pressure_on_the_skin() -> None:
+    """Two zones side by side, ramped alike, move the vein as one pressure does; their kinks are met."""
+    ramp = PressureRamp(final=2000.0, duration=0.15)
+    changes = {"time.step": 0.1, "time.end": 0.2}
+    one = computed(case_of(TUBE, **changes, **{"loads.skin_pressure": ramp}))
+    lower, upper = (cuff(start=a, end=b).replace(pressure=ramp) for a, b in ((-1.0, 0.004), (0.004, 1.0)))
+    two = computed(case_of(TUBE, **changes, **{"loads.cuffs": (lower, upper)}))
+    assert [step.time for step in two.steps] == pytest.approx([0.1, 0.15, 0.2])
+    assert one["lumen_area_mean_m2"][-1] < 0.95 * one["lumen_area_mean_m2"][0]
+    assert largest_change(two["lumen_area_mean_m2"], one["lumen_area_mean_m2"]) < 1e-7
+
+
+def test_the_vein_narrows_under_the_cuff() -> None:
+    run = computed(case_of(TUBE.replace(**{"mesh.axial_layers": 4}), **{"time.end": 0.1, "loads.cuffs": (
+        cuff(start=0.006, end=1.0).replace(pressure=PressureRamp(final=2000.0, duration=0.1)),)}))  # fmt: skip
+    lost = [1 - run[f"area_z{station:02d}_m2"][-1] / run[f"area_z{station:02d}_m2"][0] for station in (0, 10)]
+    assert lost[1] > 1.2 * lost[0]
+
+
+def test_written_and_refused() -> None:
+    case = case_of(TUBE, **{"loads.cuffs": (cuff(direction=1.0, half_width=0.5), cuff())})
+    written = case.to_toml_dict()
+    assert [set(entry) for entry in written["loads"]["cuffs"]] == [
+        {"pressure", "start_m", "end_m", "direction_rad", "half_width_rad", "edge_m"},
+        {"pressure", "start_m", "end_m", "direction_rad", "edge_m"},
+    ]
+    assert type(case).from_dict(written) == case
+    with pytest.raises(CaseError, match=r"a cuff from z = 0\.01 m to 0\.005 m is lower than its edge"):
+        cuff(start=0.01, end=0.005)
