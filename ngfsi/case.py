@@ -23,7 +23,7 @@ from ngfsi.curves import FlowConstant, FlowCurve, PressureConstant, PressureCurv
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.section import Section
-from ngfsi.units import MMHG, Time
+from ngfsi.units import MMHG, Pressure, Time
 
 
 def _build_geometry(value: Any, info: ValidationInfo) -> Any:
@@ -148,6 +148,10 @@ class Output(Section):
 
     fields_every: int = Field(default=10, ge=0)
     """Steps between two written fields; 0: first and last only."""
+    wall_every: int = Field(default=1, ge=1)
+    """Steps between two written states of the vein's inner wall, from which TAWSS and OSI follow."""
+    low_shear: Pressure = Field(default=0.1, gt=0)
+    """Wall shear stress below which an area of the wall counts as of low shear."""
 
 
 class Case(Section):

@@ -27,7 +27,7 @@ class Probe:
         self.wall = Wall(system)
         self.sections = Sections(system)
         self.deformation = Deformation(system)
-        self.shear = ShearStatistics(0.0, 0.0, 0.0)
+        self.shear = self.consistent_shear = ShearStatistics(0.0, 0.0, 0.0, 0.0)
         self._fields = system.fields(system.state.components)
         self._motion = Kinematics(self._fields.grad_motion)
         self._integrals = self._define()
@@ -36,8 +36,9 @@ class Probe:
     def refresh(self) -> None:
         """Take the system's present state."""
         self.wall.refresh()
-        self.sections.refresh()
-        self.shear = self.wall.statistics()
+        self.sections.refresh(self.wall.field)
+        self.shear = self.wall.statistics(self.system.case.output.low_shear)
+        self.consistent_shear = self.wall.statistics(method="consistent")
         self._known.clear()
 
     def integral(self, name: str) -> float:

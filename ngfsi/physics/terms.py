@@ -132,9 +132,6 @@ def relative_flux(k: Kinematics, w: CF, normal: CF) -> CF:
     return InnerProduct(w, k.cof * normal)
 
 
-def wall_shear(stress: CF, k: Kinematics, normal: CF) -> CF:
-    """Tangential part of the viscous traction on the deformed face (Pa, vector); `normal` may point either way."""
-    area = k.cof * normal
-    n = area / (InnerProduct(area, area) ** 0.5)
-    traction = stress * n
-    return traction - InnerProduct(traction, n) * n
+def tangential(traction: CF, normal: CF) -> CF:
+    """Part of a traction (vector, Pa) in the face with a unit normal, which may point either way: its shear stress."""
+    return traction - InnerProduct(traction, normal) * normal
