@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol, TypeAlias
 
-from ngsolve import Det, IfPos, InnerProduct
+from ngsolve import CoefficientFunction, Det, IfPos, InnerProduct
 
 from ngfsi.physics.kinematics import Kinematics, in_space
 
@@ -65,6 +65,17 @@ def hydrostatic_pressure(law: StoredEnergy, F: CF) -> CF:
     """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J."""
     F = in_space(F, 1)
     return -law.variation(F, F) / (3 * Det(F))
+
+
+def cauchy_stress(law: StoredEnergy, F: CF) -> CF:
+    """sigma = P F^T / J (Pa, 3x3): sigma : E = P : (E F) / J for each unit tensor E, the symmetric ones once."""
+    F = in_space(F, 1)
+    entries: dict[tuple[int, int], Any] = {}
+    for i in range(3):
+        for j in range(i, 3):
+            unit = CoefficientFunction(tuple(float((a, b) == (i, j)) for a in range(3) for b in range(3)), dims=(3, 3))
+            entries[i, j] = entries[j, i] = law.variation(F, unit * F) / Det(F)
+    return CoefficientFunction(tuple(entries[i, j] for i in range(3) for j in range(3)), dims=(3, 3))
 
 
 def inertia(density: float | CF, acceleration: CF, v: CF) -> CF:

@@ -59,9 +59,10 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
         folder.record_outlines(time, _rings(stretch))
         if number:
             folder.record_cost({"step": number, "time_s": time, "iterations": 4, "factorisations": 1, "wall_s": 0.5})
+        writer.write_wall(time, wall_sample(stretch))
         if number == 0 or time >= case.time.end - 1e-9:
             displacement.Set(_contraction(stretch))
-            writer.write(time, wall_sample(stretch))
+            writer.write(time)
     folder.finish(status, "" if status == "completed" else "the step at 1.5 s did not converge")  # type: ignore[arg-type]
     return open_run(path)
 
@@ -116,4 +117,4 @@ def wall_sample(stretch: float) -> WallSample:
     quads = np.column_stack([first, first + 1, first + around + 1, first + around])
     shear = np.zeros_like(points)
     shear[:, 2] = 0.08 / stretch**3 * (1 + 0.3 * z.ravel() / GEOMETRY.length)
-    return WallSample(points, quads, shear, np.full(len(points), 1333.0))
+    return WallSample(points, quads, shear, np.full(len(points), 1333.0), shear[:, [2, 0]])

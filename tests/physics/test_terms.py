@@ -133,6 +133,11 @@ def test_terms(name: str) -> None:
     assert value(term()) == pytest.approx(expected, rel=1e-11)
 
 
+def test_cauchy_stress() -> None:
+    stress = neo_hookean_stress(F) @ F.T / J
+    assert_allclose(np.reshape(value(terms.cauchy_stress(SOLID, matrix(F))), (3, 3)), stress, rtol=1e-11)
+
+
 def test_tangential_part_of_a_traction() -> None:
     n = AREA / np.linalg.norm(AREA)
     traction = STRESS @ n
