@@ -150,6 +150,8 @@ class Output(Section):
     """Steps between two written fields; 0: first and last only."""
     wall_every: int = Field(default=1, ge=1)
     """Steps between two written states of the vein's inner wall, from which TAWSS and OSI follow."""
+    stations: int = Field(default=11, ge=2)
+    """Number of cross-sections whose outlines and shapes are written with the fields."""
     low_shear: Pressure = Field(default=0.1, gt=0)
     """Wall shear stress below which an area of the wall counts as of low shear."""
 

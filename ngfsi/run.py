@@ -14,6 +14,7 @@ from ngfsi.domain import Domain
 from ngfsi.errors import CaseError, NgfsiError, SolverError
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
+from ngfsi.measure.shape import Shape
 from ngfsi.output.fields import DEFORMATION, STRESS, FieldWriter
 from ngfsi.output.folder import RunFolder
 from ngfsi.output.progress import Progress
@@ -163,7 +164,10 @@ class Computation:
     def _write(self, time: float, probe: Probe, writer: FieldWriter) -> None:
         with self.watch("output"):
             writer.write(time)
-            self.folder.record_outlines(time, probe.sections.rings)
+            sections = probe.outlines
+            sections.refresh()
+            self.folder.record_outlines(time, sections.rings)
+            self.folder.record_shape(Shape.of(sections).rows(time))
 
     def _write_wall(self, time: float, probe: Probe, writer: FieldWriter) -> None:
         with self.watch("output"):

@@ -22,7 +22,6 @@ from ngfsi.curves import (
 from ngfsi.errors import CaseError
 from ngfsi.section import Section
 
-
 KINDS = "'constant', 'ramp', 'smooth_ramp', 'table', 'harmonics', 'waveform'"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import ngsolve as ng
+import numpy as np
 from ngsolve import Id, InnerProduct
 
 from ngfsi.domain import Vein
@@ -26,6 +27,7 @@ class Probe:
         self.fluid = self.vein.fluid
         self.wall = Wall(system)
         self.sections = Sections(system)
+        self.outlines = Sections(system, np.linspace(0.0, self.vein.length, system.case.output.stations))
         self.deformation = Deformation(system)
         self.shear = self.consistent_shear = ShearStatistics(0.0, 0.0, 0.0, 0.0)
         self._fields = system.fields(system.state.components)

@@ -24,6 +24,7 @@ class Sections:
 
     Attributes:
         heights: (stations,) m
+        arcs: of which each outline is made.
         rings: (stations, points, 3) m
         areas, area_rates, perimeters: (stations,) m2, m2/s, m
         shears: (stations,) wall shear stress, mean over the outline, Pa; of `shear` in `refresh`.
@@ -36,8 +37,8 @@ class Sections:
         fields = system.fields(system.state.components)
         self._values = ng.CF((ng.CF((ng.x, ng.y, ng.z)) + fields.motion, fields.velocity))
         corners = _corners(system)
-        self._arcs = Arcs(len(corners), system.unknowns.order + 2)
-        outline = self._arcs.between(corners)
+        self.arcs = Arcs(len(corners), system.unknowns.order + 2)
+        outline = self.arcs.between(corners)
         shape = (len(self.heights), len(outline))
         self._x, self._y = (np.broadcast_to(outline[:, i], shape) for i in range(2))
         self.rings = np.zeros((*shape, 3))
@@ -58,14 +59,14 @@ class Sections:
             z = np.clip(z + plane - values[..., 2], 0.0, length)
         values = self._evaluate(self._values, z)
         self.rings, velocity = values[..., :3], values[..., 3:]
-        tangent, rate_tangent = self._arcs.derivative(self.rings), self._arcs.derivative(velocity)
+        tangent, rate_tangent = self.arcs.derivative(self.rings), self.arcs.derivative(velocity)
         self.areas = self._enclosed(self.rings, tangent)
         self.area_rates = self._enclosed(velocity, tangent) + self._enclosed(self.rings, rate_tangent)
         lengths = np.linalg.norm(tangent[..., :2], axis=2)
-        self.perimeters = self._arcs.integral(lengths)
+        self.perimeters = self.arcs.integral(lengths)
         if shear is not None:
             sizes = np.linalg.norm(self._evaluate(shear, z), axis=2)
-            self.shears = self._arcs.integral(sizes * lengths) / self.perimeters
+            self.shears = self.arcs.integral(sizes * lengths) / self.perimeters
 
     def local_flows(self, inflow: float) -> Array:
         """Return the flow (m3/s) through each station, from the inflow and the rates of area before it."""
@@ -82,7 +83,7 @@ class Sections:
 
     def _enclosed(self, ring: Array, tangent: Array) -> Array:
         """Half the integral of x dy - y dx: the enclosed area for a ring and its own tangent."""
-        return self._arcs.integral(ring[..., 0] * tangent[..., 1] - ring[..., 1] * tangent[..., 0]) / 2
+        return self.arcs.integral(ring[..., 0] * tangent[..., 1] - ring[..., 1] * tangent[..., 0]) / 2
 
     def _evaluate(self, field: ng.CoefficientFunction, z: Array) -> Array:
         values = np.asarray(field(self.system.domain.mesh(self._x.ravel(), self._y.ravel(), z.ravel())))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ngfsi.case import Case
 from ngfsi.errors import OutputError
 from ngfsi.measure.shear_history import ShearHistory
-from ngfsi.output.folder import CASE, COSTS, MANIFEST, OUTLINES, SERIES
+from ngfsi.output.folder import CASE, COSTS, MANIFEST, OUTLINES, SERIES, SHAPE
 from ngfsi.output.table import explained, read_table
 
 SAME_TIME = 1e-9
@@ -50,6 +50,11 @@ class StoredRun:
     def costs(self) -> Columns:
         """Effort of each step by column."""
         return read_table(self.path / COSTS)
+
+    @cached_property
+    def shape(self) -> Columns:
+        """Shape of the lumen in cross-sections by column, a row per written time and station."""
+        return read_table(self.path / SHAPE)
 
     @cached_property
     def _outlines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -14,6 +14,7 @@ from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
 from ngfsi.measure.sections import Sections
+from ngfsi.measure.shape import Shape
 from ngfsi.solve.system import System
 from tests.vein import BLOOD, BONED, TISSUE, case_of, position, system_of
 
@@ -85,6 +86,27 @@ def test_cross_sections(probe: Probe) -> None:
     ellipse = F[:2, :2] @ np.array([-np.sin(angle), np.cos(angle)]) * RADIUS
     perimeter = 2 * np.pi * np.linalg.norm(ellipse, axis=0).mean()
     assert sections.perimeters == pytest.approx(np.full(11, perimeter), rel=2 * tolerance)
+
+
+def test_shape_perpendicular_to_the_axis(probe: Probe) -> None:
+    """An oblique cylinder, looked at along its axis, is an ellipse with the singular values of the map as semi-axes."""
+    axis = F[:, 2] / np.linalg.norm(F[:, 2])
+    axes, semi, _ = np.linalg.svd((np.eye(3) - np.outer(axis, axis)) @ F[:, :2] * RADIUS)
+    angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    perimeter = 2 * np.pi * np.hypot(semi[0] * np.sin(angle), semi[1] * np.cos(angle)).mean()
+    found, rel = Shape.of(probe.sections), 5 * circle_error(probe.system)
+    assert found.axis == pytest.approx(np.tile(axis, (11, 1)), abs=2e-3)
+    assert found.area == pytest.approx(np.full(11, np.pi * semi[0] * semi[1]), rel=rel)
+    assert found.perimeter == pytest.approx(np.full(11, perimeter), rel=rel)
+    assert found.hydraulic_diameter == pytest.approx(4 * found.area / perimeter, rel=rel)
+    assert found.circularity == pytest.approx(4 * np.pi * found.area / perimeter**2, rel=2 * rel)
+    assert found.major == pytest.approx(np.full(11, semi[0]), rel=10 * rel)
+    assert found.minor == pytest.approx(np.full(11, semi[1]), rel=10 * rel)
+    first = np.array([1, 0, 0]) - axis[0] * axis
+    along = axes[:, 0] * np.sign(axes[0, 0])
+    expected = np.arctan2(along @ np.cross(axis, first) / np.linalg.norm(first), along @ first / np.linalg.norm(first))
+    assert found.angle == pytest.approx(np.full(11, expected), abs=0.02)
+    assert found.centre == pytest.approx(np.outer(probe.sections.heights, F[:, 2]), abs=1e-3 * RADIUS)
 
 
 def test_areas_integrate_to_the_volume_of_the_discrete_lumen(probe: Probe) -> None:

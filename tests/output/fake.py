@@ -57,6 +57,7 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
         stretch = np.sqrt(INFLATION * (1 - loss * min(time, 1.0)))
         folder.record(_row(case, time, stretch))
         folder.record_outlines(time, _rings(stretch))
+        folder.record_shape(_shape(time, stretch))
         if number:
             folder.record_cost({"step": number, "time_s": time, "iterations": 4, "factorisations": 1, "wall_s": 0.5})
         writer.write_wall(time, wall_sample(stretch))
@@ -98,6 +99,14 @@ def _rings(stretch: float) -> NDArray[np.float64]:
     radius = GEOMETRY.lumen_radius * stretch
     ring = np.column_stack([x0 + 1.05 * radius * np.cos(angles), y0 + radius / 1.05 * np.sin(angles), 0 * angles])
     return np.array([np.add(ring, (0, 0, z)) for z in np.linspace(0, GEOMETRY.length, 11)])
+
+
+def _shape(time: float, stretch: float) -> list[dict[str, float]]:
+    radius = GEOMETRY.lumen_radius * stretch
+    return [
+        {"time_s": time, "station": i, "centre_z_m": z, "area_m2": np.pi * radius**2, "circularity_1": 0.99}
+        for i, z in enumerate(np.linspace(0, GEOMETRY.length, 11))
+    ]
 
 
 def _contraction(stretch: float) -> ng.CF:
