@@ -6,9 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.sections import STATIONS
+from ngfsi.measure.shape import Shape
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,16 @@ def _reynolds(probe: Probe) -> float:
     flows = np.abs(probe.sections.local_flows(_inflow(probe)))
     diameters = np.sqrt(4 * areas / np.pi)
     return float(np.max(blood.density * flows / areas * diameters / blood.viscosity))
+
+
+def _developed(probe: Probe, flows: NDArray[np.float64], shape: Shape | None = None) -> float:
+    """Return the SAWSS (Pa) of developed flow: 4 mu Q / (pi R^3), and for ellipses tau perimeter = G area with the
+    pressure gradient G = 4 mu Q (a^2 + b^2) / (pi a^3 b^3)."""
+    sections, viscosity = probe.sections, probe.system.blood.viscosity
+    if shape is None:
+        return sections.mean_over_wall(4 * viscosity * np.abs(flows) / (np.pi * (sections.areas / np.pi) ** 1.5))
+    a, b = shape.major, shape.minor
+    return sections.mean_over_wall(4 * viscosity * np.abs(flows) * (a**2 + b**2) / (a**2 * b**2 * shape.perimeter))
 
 
 def _inflow(probe: Probe) -> float:
@@ -95,10 +107,22 @@ QUANTITIES: tuple[Quantity, ...] = (
         lambda p: p.consistent_shear.mean,
     ),
     Quantity(
+        "sawss_poiseuille_inlet",
+        "Pa",
+        "SAWSS of developed flow with the same local area and the flow of the inlet",
+        lambda p: _developed(p, np.full_like(p.sections.areas, _inflow(p))),
+    ),
+    Quantity(
         "sawss_poiseuille_local",
         "Pa",
         "SAWSS of developed flow with the same local area and flow",
-        lambda p: p.sections.poiseuille_sawss(_inflow(p), p.system.blood.viscosity),
+        lambda p: _developed(p, p.sections.local_flows(_inflow(p))),
+    ),
+    Quantity(
+        "sawss_ellipse_local",
+        "Pa",
+        "SAWSS of developed flow in ellipses with the same local area, axes and flow",
+        lambda p: _developed(p, p.sections.local_flows(_inflow(p)), Shape.of(p.sections)),
     ),
     Quantity(
         "p_tissue_side",

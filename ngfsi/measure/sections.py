@@ -72,14 +72,9 @@ class Sections:
         """Return the flow (m3/s) through each station, from the inflow and the rates of area before it."""
         return np.asarray(inflow - CubicSpline(self.heights, self.area_rates).antiderivative()(self.heights))
 
-    def poiseuille_sawss(self, inflow: float, viscosity: float) -> float:
-        """Return the SAWSS (Pa) of developed flow with the same area and flow in each section.
-
-        tau = 4 mu Q / (pi R^3), R from the area, weighted by the perimeter.
-        """
-        radius = np.sqrt(self.areas / np.pi)
-        shear = 4 * viscosity * np.abs(self.local_flows(inflow)) / (np.pi * radius**3)
-        return float(np.trapezoid(shear * self.perimeters) / np.trapezoid(self.perimeters))
+    def mean_over_wall(self, values: Array) -> float:
+        """Return the mean of a quantity of each section, weighted by the perimeter."""
+        return float(np.trapezoid(values * self.perimeters) / np.trapezoid(self.perimeters))
 
     def _enclosed(self, ring: Array, tangent: Array) -> Array:
         """Half the integral of x dy - y dx: the enclosed area for a ring and its own tangent."""

@@ -129,6 +129,28 @@ def test_flow_along_the_vein(probe: Probe) -> None:
     assert row(probe)["reynolds_1"] == pytest.approx(reynolds, rel=4 * tolerance)
 
 
+def test_developed_flow_in_the_same_sections(probe: Probe) -> None:
+    """4 mu Q / (pi R^3) with the flow of the inlet, and as much more in the ellipse as its force balance says."""
+    found = row(probe)
+    sections, viscosity = probe.sections, BLOOD.viscosity
+    area = np.pi * RADIUS**2 * np.linalg.det(F[:2, :2])
+    circle = 4 * viscosity * abs(found["flow_in_m3_s"]) / np.pi / (area / np.pi) ** 1.5
+    assert abs(found["flow_in_m3_s"]) < 1e-15  # no flow comes in
+    assert found["sawss_poiseuille_inlet_Pa"] == pytest.approx(circle, abs=1e-12)
+    flows = np.abs(sections.local_flows(found["flow_in_m3_s"]))
+    assert found["sawss_poiseuille_local_Pa"] == pytest.approx(
+        4 * viscosity * flows.mean() / np.pi / (area / np.pi) ** 1.5, rel=5 * circle_error(probe.system)
+    )
+    # ratio of the ellipse to the circle of the same area
+    axis = F[:, 2] / np.linalg.norm(F[:, 2])
+    semi = np.linalg.svd((np.eye(3) - np.outer(axis, axis)) @ F[:, :2] * RADIUS)[1]
+    angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    a, b, perimeter = *semi, 2 * np.pi * np.hypot(semi[0] * np.sin(angle), semi[1] * np.cos(angle)).mean()
+    ratio = (a**2 + b**2) / (a**2 * b**2 * perimeter) * np.pi * (area / np.pi) ** 1.5
+    assert found["sawss_ellipse_local_Pa"] / found["sawss_poiseuille_local_Pa"] == pytest.approx(ratio, rel=0.02)
+    assert ratio > 1.05
+
+
 def test_wall_shear(probe: Probe) -> None:
     """Tangential part of mu (A + A^T) n on an elliptic cylinder, integrated by the trapezoidal rule."""
     angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
