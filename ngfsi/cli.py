@@ -1,4 +1,4 @@
-"""Command line: `ngfsi run`, `study`, `verify`, `bench`, `materials`, `info`, `export`.
+"""Command line: `ngfsi run`, `study`, `verify`, `bench`, `materials`, `info`, `export`, `report`.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
 equations could not be solved, 130 interrupted, 1 an error of the program itself.
@@ -226,6 +226,32 @@ def export(
 
     path, found = write(open_run(folder), time, fmt, output)
     typer.echo(f"The fields at {found:g} s are in '{path}'")
+
+
+@app.command()
+def report(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of runs.", metavar="RUN...")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("report.html"),
+    claims: Annotated[
+        Path | None,
+        typer.Option(help="Printed numbers in TOML; default those of the source study.", show_default=False),
+    ] = None,
+) -> None:
+    """Show runs in one HTML file.
+
+    Of one run or several compared: setup, results with their errors, interactive charts, the vein to turn.
+
+    Example: ngfsi report runs/demo/m_s1 runs/demo/n_likely -o compared.html
+    """
+    from ngfsi.output.report import report as write
+    from ngfsi.output.table import explained
+
+    chosen = claims or Path(__file__).parents[1] / "studies" / "source_claims.toml"
+    printed: dict[str, Any] = {}
+    if claims or chosen.exists():
+        with explained(chosen, "read"):
+            printed = tomllib.loads(chosen.read_text(encoding="utf-8"))
+    typer.echo(f"The report is '{write(folders, output, printed)}'")
 
 
 def parse_change(text: str) -> tuple[str, Any]:

@@ -65,8 +65,8 @@ def _series(findings: Mapping[str, Finding], groups: list[Group], folder: Path) 
         stacked_series({title: (run.series["time_s"], decompose(run.series)) for title, run in whole.items()},
                        "computed", "SAWSS [Pa]", causes)  # fmt: skip
         files["Why the wall shear stress rises"] = (
-            "SAWSS since t = 0 by cause: narrower sections, the blood that the vein expels itself, sections that are no "
-            "circles, and the velocity profile; they sum to the computed value.",
+            "SAWSS since t = 0 by cause: narrower sections, the blood that the vein expels itself, sections that are "
+            "no circles, and the velocity profile; they sum to the computed value.",
             causes,
         )
     files["Wall shear stress, relative"] = ("SAWSS over its value at t = 0.", ratio)
