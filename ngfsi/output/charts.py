@@ -26,8 +26,8 @@ SCALE = "Viridis"
 """Of the colours of fields: even steps of brightness, for colour-blind readers too."""
 LONGEST = 1.9
 """Longest side of a scene, in plotly's units."""
-SIDEWAYS: dict[str, Any] = {"eye": {"x": 0.3, "y": 1.3, "z": 0.5}, "up": {"x": 1, "y": 0, "z": 0}}
-FROM_ABOVE: dict[str, Any] = {"eye": {"x": 0.6, "y": -1.4, "z": 1.5}, "up": {"x": 0, "y": 0, "z": 1}}
+SIDEWAYS: dict[str, Any] = {"eye": {"x": 0.2, "y": 1.1, "z": 0.2}, "up": {"x": 1, "y": 0, "z": 0}}
+FROM_ABOVE: dict[str, Any] = {"eye": {"x": 0.9, "y": -2.1, "z": 2.0}, "up": {"x": 0, "y": 0, "z": 1}}
 CUT_POINTS, AROUND, ALONG = 181, 121, 61
 """Points across a cut, and of an unrolled wall."""
 OFF_FACES = 0.01
@@ -183,7 +183,10 @@ def tissue(run: StoredRun) -> go.Figure:
 def _lower_half(run: StoredRun, time: float) -> Any:
     solid = _solids(run, time)
     solid.point_data["size"] = np.linalg.norm(solid.point_data[DISPLACEMENT], axis=1) * 1e3
-    return solid.clip("z", origin=solid.center).extract_surface(nonlinear_subdivision=1, algorithm="dataset_surface")
+    low, high = solid.bounds[4:]
+    return solid.clip("z", origin=(0.0, 0.0, low + (0.5 + OFF_FACES) * (high - low))).extract_surface(
+        nonlinear_subdivision=1, algorithm="dataset_surface"
+    )
 
 
 def _solids(run: StoredRun, time: float = np.inf) -> Any:
@@ -217,7 +220,7 @@ def _stages(traces: Sequence[go.Mesh3d], labels: Sequence[str], camera: Mapping[
     return go.Figure(list(traces)).update_layout(
         scene={**axes, "aspectmode": "manual", "aspectratio": ratio, "camera": camera},
         sliders=[{"active": len(traces) - 1, "steps": steps, "currentvalue": {"prefix": "t = "}}],
-        height=560, margin={"l": 0, "r": 0, "t": 10, "b": 10},
+        height=560, margin={"l": 20, "r": 20, "t": 10, "b": 40},
     )  # fmt: skip
 
 

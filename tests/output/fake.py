@@ -52,7 +52,8 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
         seconds={"mesh": 0.5, "steps": 6.0},
     )
     displacement = ng.GridFunction(ng.VectorH1(domain().mesh, order=2))
-    writer = FieldWriter(path, domain(), {"displacement_m": displacement, "pressure_Pa": ng.CF(1333.0)})
+    writer = FieldWriter(path, domain(), {"displacement_m": displacement, "pressure_Pa": ng.CF(1333.0),
+                                            "hydrostatic_pressure_Pa": 1e5 * ng.x})  # fmt: skip
     for number, time in enumerate(np.arange(0, case.time.end + 1e-9, case.time.step)):
         stretch = np.sqrt(INFLATION * (1 - loss * min(time, 1.0)))
         folder.record(_row(case, time, stretch))
