@@ -1,4 +1,4 @@
-"""Command line: `ngfsi run`, `study`, `verify`, `bench`, `materials`, `info`, `export`, `report`.
+"""Command line: `ngfsi run`, `study`, `verify`, `bench`, `materials`, `info`, `export`, `animate`, `report`.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
 equations could not be solved, 130 interrupted, 1 an error of the program itself.
@@ -226,6 +226,25 @@ def export(
 
     path, found = write(open_run(folder), time, fmt, output)
     typer.echo(f"The fields at {found:g} s are in '{path}'")
+
+
+@app.command()
+def animate(
+    folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="GIF to write.")] = Path("vein.gif"),
+) -> None:
+    """Draw the vein over time as a GIF.
+
+    Wall shear stress on the deforming inner wall.
+
+    Example: ngfsi animate runs/calf -o vein.gif
+    """
+    from ngfsi.output import open_run
+    from ngfsi.output.render import animation
+
+    if failure := animation(open_run(folder), output):
+        raise OutputError(failure)
+    typer.echo(f"The animation is '{output}'")
 
 
 @app.command()
