@@ -24,6 +24,7 @@ FOLDER = "fields"
 DISPLACEMENT = "displacement_m"
 REGION = "region"
 STRESS, DEFORMATION = "stress_Pa", "deformation_gradient_1"
+TENSORS = (STRESS, DEFORMATION)
 """Tensors of the solids, of which the invariants are written: hydrostatic pressure -tr(sigma)/3, and principal stresses
 and stretches, the largest first."""
 CELL_ORDER = 2
@@ -51,7 +52,14 @@ class FieldWriter:
         if DISPLACEMENT not in volume_fields:
             raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
         self.folder = folder
-        self._mesh, self._names, self._coefficients = domain.mesh, list(volume_fields), list(volume_fields.values())
+        self._mesh, self._names = domain.mesh, list(volume_fields)
+        # laws are costly to evaluate point by point, as VTK output does: elementwise projections take a 200th of it
+        space = ng.L2(domain.mesh, order=CELL_ORDER, dim=9)
+        self._projected = {
+            name: (ng.GridFunction(space), volume_fields[name]) for name in TENSORS if name in volume_fields
+        }
+        shown = volume_fields | {name: projection for name, (projection, _) in self._projected.items()}
+        self._coefficients = [shown[name] for name in self._names]
         regions = list(domain.regions)
         self._regions = regions
         self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
@@ -82,6 +90,8 @@ class FieldWriter:
             write_index(self.folder / f"{name}.pvd", f"{FOLDER}/{name}_{{:04d}}.vtu", times)
 
     def _volume(self) -> pv.UnstructuredGrid:
+        for projection, field in self._projected.values():
+            projection.Set(field)
         raw = self.folder / FOLDER / "unfinished"
         ng.VTKOutput(
             self._mesh,

@@ -13,7 +13,7 @@ from geometry.calf import CalfSegment
 from geometry.segment import MeshSettings
 from ngfsi.domain import Domain
 from ngfsi.errors import OutputError
-from ngfsi.output.fields import FieldWriter
+from ngfsi.output.fields import DEFORMATION, STRESS, FieldWriter
 from ngfsi.output.stored import StoredRun
 from tests.output.fake import GEOMETRY, INFLATION, domain, wall_sample
 
@@ -79,3 +79,21 @@ def test_wall_history(stored: StoredRun) -> None:
     np.testing.assert_allclose(found["RRT_1_Pa"] * found["TAWSS_Pa"], 1.0, rtol=1e-6)
     with pytest.raises(OutputError, match=r"1 states of the wall from 0.5 to 0.6 s"):
         stored.wall_history(0.5, 0.6)
+
+
+def test_invariants_of_the_tensors(tmp_path: Path) -> None:
+    """Of a stress and a deformation that turn: principal values, the largest first, and -tr/3."""
+    c, s = np.cos(0.4), np.sin(0.4)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    stress = turn @ np.diag([-3e3, 5e3, 1e3]) @ turn.T
+    gradient = turn @ np.diag([0.8, 1.3, 1.1])
+    tensors = {name: ng.CF(tuple(t.ravel()), dims=(3, 3)) for name, t in ((STRESS, stress), (DEFORMATION, gradient))}
+    still = ng.CF((0, 0, 0))
+    FieldWriter(tmp_path, domain(), {"displacement_m": still, **tensors}).write(0.0)
+    grid: Any = pv.read(tmp_path / "fields" / "volume_0000.vtu")
+    assert set(grid.point_data) == {"displacement_m", "hydrostatic_pressure_Pa", "principal_stresses_Pa",
+                                    "principal_stretches_1"}  # fmt: skip
+    count = grid.n_points
+    np.testing.assert_allclose(grid["hydrostatic_pressure_Pa"], -1e3, rtol=1e-5)
+    np.testing.assert_allclose(grid["principal_stresses_Pa"], np.tile([5e3, 1e3, -3e3], (count, 1)), rtol=1e-5)
+    np.testing.assert_allclose(grid["principal_stretches_1"], np.tile([1.3, 1.1, 0.8], (count, 1)), rtol=1e-5)
