@@ -8,6 +8,7 @@ from typing import Any, Literal
 import ngsolve as ng
 import numpy as np
 import pytest
+import pyvista as pv
 
 from geometry.calf import CalfSegment
 from geometry.segment import MeshSettings
@@ -22,8 +23,6 @@ from tests.output.fake import GEOMETRY, INFLATION, domain, wall_sample
 def test_volume_cells_are_deformed_whole_and_positive(
     tmp_path: Path, element: Literal["prism", "mixed", "tetrahedron"]
 ) -> None:
-    import pyvista as pv
-
     mesh = MeshSettings(element=element, axial_layers=2, vein_size=5e-3, far_size=25e-3, lumen_radii=(0.6,))
     geometry = CalfSegment(mesh=mesh)
     body = Domain.build(geometry)
