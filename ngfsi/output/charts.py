@@ -16,6 +16,7 @@ from scipy.interpolate import griddata
 from ngfsi.measure.decomposition import decompose
 from ngfsi.output.fields import DISPLACEMENT, REGION
 from ngfsi.output.figures import COLOURS, QUIET
+from ngfsi.output.load import Surroundings
 from ngfsi.output.stored import StoredRun
 
 Array = NDArray[np.float64]
@@ -125,6 +126,18 @@ def _section(run: StoredRun) -> tuple[Array, Array, Array]:
     values[np.asarray(sampled.point_data["vtkValidPointMask"]) == 0] = np.nan
     x, y = (1e3 * (low[i] + size * np.arange(CUT_POINTS)) for i in range(2))
     return x, y, values.reshape(CUT_POINTS, CUT_POINTS)
+
+
+def around(runs: Runs) -> go.Figure:
+    """Return the hydrostatic pressure of the tissue at the vein's wall over the angle, first (dotted) and last."""
+    figure = _figure("angle from x, lateral [deg]", "pressure at the wall [kPa]")
+    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+        for time, dash in ((run.field_times()[0], "dot"), (run.field_times()[-1], "solid")):
+            angle, pressure = Surroundings.of(run, time).by_angle()
+            figure.add_scatter(x=np.degrees(angle), y=pressure / 1e3, name=f"{title}, t = {time:.3g} s",
+                               mode="lines+markers", connectgaps=True,
+                               line={"color": colour, "dash": dash})  # fmt: skip
+    return figure
 
 
 def unrolled(runs: Runs) -> go.Figure:

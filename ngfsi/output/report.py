@@ -15,6 +15,7 @@ from ngfsi.errors import NgfsiError, OutputError
 from ngfsi.measure.decomposition import STAGES, decompose
 from ngfsi.output import charts
 from ngfsi.output.charts import Runs
+from ngfsi.output.load import transmission
 from ngfsi.output.stored import StoredRun, open_run
 from ngfsi.output.table import explained
 from ngfsi.units import from_si
@@ -175,6 +176,7 @@ def _charts(runs: Runs) -> list[str]:
         ("Wall shear stress on the unrolled vein", lambda: charts.unrolled(runs), "At the last time."),
         ("Hydrostatic pressure in the calf", lambda: charts.cut(runs),
          "-tr(sigma)/3, compression positive, at mid-length at the last time; bones and lumen are left out."),
+        ("Pressure of the tissue around the vein", lambda: charts.around(runs), _transmission_note(runs)),
     ]  # fmt: skip
     for title, run in runs.items():
         first.append((f"Vein in space: {title}", lambda run=run: charts.vein(run), "Drag to turn; wall shear stress."))  # type: ignore[misc]
@@ -218,6 +220,15 @@ def _causes_note(runs: Runs) -> str:
         row = _loaded(run)
         parts = ", ".join(f"{cause} {values[row]:.4f}" for cause, values in decompose(run.series).items())
         said.append(f"{title} at {run.series['time_s'][row]:.3g} s, in Pa: {parts}.")
+    return " ".join(said)
+
+
+def _transmission_note(runs: Runs) -> str:
+    said = ["Dotted: t = 0. Where a bone shields the vein, less arrives."]
+    for title, run in runs.items():
+        share = transmission(run.series)[_loaded(run)]
+        if np.isfinite(share):
+            said.append(f"{title}: {100 * share:.0f} % of the rise of the skin's pressure arrives at the wall.")
     return " ".join(said)
 
 

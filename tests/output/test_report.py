@@ -107,7 +107,7 @@ def test_in_a_browser(page: Path, tmp_path: Path) -> None:
     in_space = {name: count for name, count in found["colours"].items() if "in_space" in name}
     assert len(in_space) == 4
     assert min(in_space.values()) > 100, in_space
-    assert len(found["colours"]) == 14
+    assert len(found["colours"]) == 15
     assert min(found["colours"].values()) > 5, found["colours"]
 
 
