@@ -97,6 +97,9 @@ class Discretisation(Section):
     mesh_motion: Literal["harmonic", "elastic"] = "harmonic"
     """How the mesh of the fluid follows the solids: by Laplace's equation, best where a wall surrounds the fluid; or as
     a Neo-Hookean solid that is stiffer where elements are small, for bodies that swing in the flow."""
+    bulk_integration: Literal["full", "reduced"] = "full"
+    """How the solids' resistance to changes of volume is integrated: reduced, at fewer points, is right for nearly
+    incompressible solids (Poisson ratios above 0.49), which lock otherwise."""
     extension_stiffness: float = Field(default=1.0, gt=0)
     """Factor on the equation of the mesh motion, without influence on the result."""
 
@@ -137,10 +140,8 @@ class Solver(Section):
     linearise: Literal["when slow", "always"] = "when slow"
     """when slow: a factorisation serves over iterations and steps until it converges too slowly; always: one per
     iteration, which is Newton's method as in textbooks, to compare with."""
-    linear: Literal["auto", "pardiso", "umfpack"] = "auto"
-    """auto: pardiso where MKL is installed, else umfpack."""
-    compile: bool = True
-    """Compile the forms to machine code where a C++ compiler is found: costs about 25 s, and pays from 50 steps on."""
+    linear: Literal["auto", "pardiso", "pardiso_single", "umfpack"] = "auto"
+    """auto: pardiso where MKL is installed, else umfpack; `ngfsi info` says what each is."""
 
 
 class Output(Section):

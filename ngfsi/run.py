@@ -21,8 +21,8 @@ from ngfsi.output.progress import Progress
 from ngfsi.output.stored import StoredRun, open_run
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import initial_state
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import Step, TimeLoop

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from geometry.calf import CalfSegment
 from geometry.segment import MeshSettings
-from ngfsi.case import Case, Discretisation, Loads, Materials, Output, Solver, TimeStepping
+from ngfsi.case import Case, Discretisation, Loads, Materials, Output, TimeStepping
 from ngfsi.curves import PressureRamp
 from ngfsi.output.summary import console
 from ngfsi.study import Outcome, run_cases
@@ -43,14 +43,13 @@ VARIANTS = {
 
 
 class Level(NamedTuple):
-    """How finely to compute: mesh, polynomial order, time step and end [s], which variants, compiled forms or not."""
+    """How finely to compute: mesh, polynomial order, time step and end [s], which variants."""
 
     mesh: MeshSettings
     order: int
     step: float
     end: float
     variants: tuple[str, ...]
-    compile: bool = True
 
 
 MAIN = ("m_s1", "n_likely")
@@ -69,7 +68,7 @@ def _mesh(far: float, near: float, layers: int, lumen_radii: tuple[float, ...]) 
 
 
 LEVELS = {
-    "demo": Level(_mesh(25e-3, 3.2e-3, 6, (0.85, 0.55)), 2, 0.05, 1.0, MAIN, compile=False),
+    "demo": Level(_mesh(25e-3, 3.2e-3, 6, (0.85, 0.55)), 2, 0.05, 1.0, MAIN),
     "paper": Level(_mesh(20e-3, 2.8e-3, 7, (0.92, 0.78, 0.5)), 2, 0.01, 1.5, tuple(VARIANTS)),
     "fine": Level(_mesh(14e-3, 2e-3, 9, (0.94, 0.85, 0.7, 0.45)), 2, 0.01, 1.0, MAIN),
 }
@@ -87,7 +86,6 @@ def case(key: str, level: Level) -> Case:
         loads=Loads(skin_pressure=PressureRamp(final=25 * MMHG, duration=1.0)),
         discretisation=Discretisation(order=level.order),
         time=TimeStepping(step=level.step, end=level.end),
-        solver=Solver(compile=level.compile),
         output=Output(fields_every=round(0.25 / level.step)),
     )
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
-from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Output, Solver, TimeStepping
+from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Output, TimeStepping
 from ngfsi.curves import PressureRamp
 from ngfsi.units import MMHG
 from studies.compare_tissues import LEVELS, MAIN, case
@@ -24,7 +24,6 @@ def _vein(mesh: MeshSettings, end: float = 0.2) -> Case:
         conditions=Conditions(ends="clamped"),
         discretisation=Discretisation(order=2),
         time=TimeStepping(step=0.01, end=end, scheme="backward_euler"),
-        solver=Solver(compile=False),
         output=Output(fields_every=0),
     )
 
@@ -53,10 +52,9 @@ def _textbook(plain: Case) -> Case:
 VARIANTS: dict[str, Callable[[Case], Case]] = {
     "textbook": _textbook,
     "newton": lambda plain: plain.replace(**{"solver.linearise": "always"}),
+    "single": lambda plain: plain.replace(**{"solver.linear": "pardiso_single"}),
     "umfpack": lambda plain: plain.replace(**{"solver.linear": "umfpack"}),
     "tetrahedra": lambda plain: plain.replace(**{"geometry.mesh.element": "tetrahedron"}),
-    "compiled": lambda plain: plain.replace(**{"solver.compile": not plain.solver.compile}),
 }
 """textbook: Newton's method with a fresh factorisation by UMFPACK in every iteration, on tetrahedra; newton: that with
-the linear solver and the mesh as they are; compiled: forms compiled to machine code where they are not, and the other
-way round."""
+the linear solver and the mesh as they are; single: factors of single precision."""

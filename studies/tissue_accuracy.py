@@ -30,9 +30,9 @@ RUNS = {
     "paper_mesh": PAPER._replace(step=DEMO.step, end=DEMO.end),
     "fine_mesh": FINE._replace(step=DEMO.step, end=DEMO.end),
     "third_order": DEMO._replace(order=3, mesh=DEMO.mesh.replace(curving_order=3)),
-    "double_step": DEMO._replace(step=2 * PAPER.step, compile=True),
-    "paper_step": DEMO._replace(step=PAPER.step, compile=True),
-    "half_step": DEMO._replace(step=PAPER.step / 2, compile=True),
+    "double_step": DEMO._replace(step=2 * PAPER.step),
+    "paper_step": DEMO._replace(step=PAPER.step),
+    "half_step": DEMO._replace(step=PAPER.step / 2),
 }
 SPACE, TIME = ("demo_mesh", "paper_mesh", "fine_mesh"), ("double_step", "paper_step", "half_step")
 """Runs from coarse to fine."""

@@ -19,17 +19,19 @@ def apply(form: ng.BilinearForm, at: Any, values: Array) -> Array:
     return np.array(r.FV().NumPy())
 
 
-def slope(form: ng.BilinearForm, state: Any, direction: Array, step: float = 1e-3) -> tuple[Array, Array]:
-    """Return the form's own derivative at `state` in a direction, and that of the central difference of fourth order.
+def slope(
+    residual: ng.BilinearForm, tangent: ng.BilinearForm, state: Any, direction: Array, step: float = 1e-3
+) -> tuple[Array, Array]:
+    """Return the tangent at `state` times a direction, and the residual's central difference of fourth order.
 
     Args:
         step: factor on the direction.
     """
-    form.AssembleLinearization(state)
+    tangent.AssembleLinearization(state)
     along, result = state.CreateVector(), state.CreateVector()
     along.FV().NumPy()[:] = direction
-    result.data = form.mat * along
-    return np.array(result.FV().NumPy()), difference(form, state, direction, step)
+    result.data = tangent.mat * along
+    return np.array(result.FV().NumPy()), difference(residual, state, direction, step)
 
 
 def difference(form: ng.BilinearForm, state: Any, direction: Array, step: float) -> Array:

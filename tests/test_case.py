@@ -197,7 +197,7 @@ def test_an_override_may_use_any_unit() -> None:
         ("time.scheme", "bdf", "time.scheme = 'bdf' is not accepted: did you mean 'bdf2'? one of 'bdf2', 'backward"),
         ("solver.tolerance", 1, "solver.tolerance = 1 is not accepted: a number less than 1 is wanted"),
         ("solver.max_iterations", 0, "solver.max_iterations = 0 is not accepted: a number of at least 1 is wanted"),
-        ("solver.linear", "lu", "solver.linear = 'lu' is not accepted: one of 'auto', 'pardiso', 'umfpack' is wanted"),
+        ("solver.linear", "lu", "solver.linear = 'lu' is not accepted: one of 'auto', 'pardiso', 'pardiso_single'"),
         ("output.fields_every", -1, "output.fields_every = -1 is not accepted: a number of at least 0 is wanted"),
     ],
 )  # fmt: skip

@@ -222,7 +222,7 @@ def test_study(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPat
 
 def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
     """A real run of the real command, stopped after its first stored time."""
-    (tmp_path / "case.toml").write_text(CASE.replace(**{"time.step": 0.01, "solver.compile": False}).to_toml())
+    (tmp_path / "case.toml").write_text(CASE.replace(**{"time.step": 0.01}).to_toml())
     process = subprocess.Popen(
         [sys.executable, "-m", "ngfsi.cli", "run", "case.toml", "--output", "out"],
         cwd=tmp_path,

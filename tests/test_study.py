@@ -261,8 +261,6 @@ def test_a_tiny_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = MeshSettings(axial_layers=2, vein_size=8e-3, far_size=25e-3, lumen_radii=(0.6,))
     tiny = compare_tissues.LEVELS["demo"]._replace(mesh=mesh, step=0.25, end=0.5)
     monkeypatch.setitem(compare_tissues.LEVELS, "demo", tiny)
-    whole = compare_tissues.case  # compiling takes longer than so small a case
-    monkeypatch.setattr(compare_tissues, "case", lambda *of: whole(*of).replace(**{"solver.compile": False}))
     report = compare_tissues.study("demo", tmp_path, quiet=True).read_text()
     m, n = (open_run(tmp_path / key) for key in compare_tissues.MAIN)
     left_m, left_n = (run.series["lumen_volume_m3"][-1] / run.series["lumen_volume_m3"][0] for run in (m, n))

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from geometry.plane import Circle
 from geometry.segment import MeshSettings, VeinSegment
 from geometry.tube import TubeSegment
-from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
+from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, TimeStepping
 from ngfsi.curves import FlowConstant, PressureConstant
 from ngfsi.domain import Domain
 from ngfsi.materials import CompressibleNeoHookean, Newtonian, load_set
 from ngfsi.meshing import MeshReport, quiet
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import initial_state
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.unknowns import BLOCKS
@@ -75,7 +75,6 @@ def case_of(geometry: VeinSegment = BONED, **changes: Any) -> Case:
         conditions=Conditions(),
         discretisation=Discretisation(order=order),
         time=TimeStepping(step=0.1, end=0.3),
-        solver=Solver(compile=False),
     )
     return case.replace(**changes) if changes else case
 
@@ -108,7 +107,7 @@ def column_slope(system: System, name: str, step: float) -> tuple[Array, Array]:
     part = system.unknowns.blocks[name]
     direction = np.zeros(system.unknowns.size)
     direction[part] = np.random.default_rng(2).standard_normal(len(part))
-    return slope(system.form, system.state.vec, direction, step)
+    return slope(system.form, system.tangent, system.state.vec, direction, step)
 
 
 def position() -> ng.CoefficientFunction:

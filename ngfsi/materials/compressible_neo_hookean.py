@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from ngsolve import CoefficientFunction, log
+from ngsolve import log
 
-from ngfsi.materials.law import IsotropicLaw
+from ngfsi.materials.law import IsotropicLaw, Pair
 from ngfsi.materials.linear import LinearAtRest
 from ngfsi.materials.strain import Invariants
 
@@ -21,7 +21,7 @@ class CompressibleNeoHookean(LinearAtRest, IsotropicLaw):
 
     law: Literal["compressible_neo_hookean"] = "compressible_neo_hookean"
 
-    def energy_of(self, strain: Invariants) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume)."""
+    def energies_of(self, strain: Invariants) -> Pair:
+        """Return the stored energy (J per m3 of reference volume): of shear modulus, and of lambda."""
         ln_J = log(strain.J)
-        return self.shear_modulus / 2 * (strain.I1 - 3 - 2 * ln_J) + self.lame / 2 * ln_J**2
+        return self.shear_modulus / 2 * (strain.I1 - 3 - 2 * ln_J), self.lame / 2 * ln_J**2

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from ngsolve import CoefficientFunction, Det, Id, InnerProduct, Inv, log
 
+from ngfsi.materials.law import Pair
 from ngfsi.materials.linear import LinearAtRest
 from ngfsi.materials.strain import right_cauchy_green
 
@@ -25,11 +26,11 @@ class Hencky(LinearAtRest):
 
     law: Literal["hencky"] = "hencky"
 
-    def energy(self, F: CoefficientFunction) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
+    def energies(self, F: CoefficientFunction) -> Pair:
+        """Return the stored energy (J per m3 of reference volume): of distortion, and of dilation."""
         J = Det(F)
         strain = logarithm(J ** (-2 / 3) * right_cauchy_green(F)) / 2
-        return self.shear_modulus * InnerProduct(strain, strain) + self.bulk_modulus / 2 * log(J) ** 2
+        return self.shear_modulus * InnerProduct(strain, strain), self.bulk_modulus / 2 * log(J) ** 2
 
 
 def logarithm(A: CoefficientFunction) -> CoefficientFunction:

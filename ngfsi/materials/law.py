@@ -18,6 +18,8 @@ from ngfsi.materials.strain import Invariants, right_cauchy_green
 from ngfsi.section import Section
 from ngfsi.units import Density
 
+Pair = tuple[CoefficientFunction, CoefficientFunction]
+
 
 class Law(Section):
     """A material of one region: common to solids and fluids."""
@@ -42,8 +44,21 @@ class SolidLaw(Law, ABC):
     density: Density = Field(ge=0)
 
     @abstractmethod
+    def energies(self, F: CoefficientFunction) -> Pair:
+        """Return two parts of the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3).
+
+        The second is what grows with the bulk modulus.
+        """
+
     def energy(self, F: CoefficientFunction) -> CoefficientFunction:
         """Return the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
+        return sum(self.energies(F))
+
+    def variations(self, F: CoefficientFunction, H: CoefficientFunction) -> Pair:
+        """Return the derivatives of the parts of the energy at F in the direction H; `variation` is their sum."""
+        strain = F.MakeVariable()
+        rest, bulk = self.energies(strain)
+        return rest.Diff(strain, H), bulk.Diff(strain, H)
 
     def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
         """Return P : H, the derivative of the energy at F in the direction H; P is the first Piola-Kirchhoff stress."""
@@ -80,17 +95,29 @@ class IsotropicLaw(SolidLaw):
     """
 
     @abstractmethod
-    def energy_of(self, strain: Invariants) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume)."""
+    def energies_of(self, strain: Invariants) -> Pair:
+        """Return the parts of the stored energy (J per m3 of reference volume), as of `energies`."""
 
-    def energy(self, F: CoefficientFunction) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
-        return self.energy_of(Invariants.of(F))
+    def energies(self, F: CoefficientFunction) -> Pair:
+        """Return the parts of the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
+        return self.energies_of(Invariants.of(F))
+
+    def variations(self, F: CoefficientFunction, H: CoefficientFunction) -> Pair:
+        """Return the derivatives of the parts of the energy at F in the direction H; `variation` is their sum."""
+        strain = Invariants.of(F)
+        rest, bulk = self.energies_of(strain)
+        return _variation(rest, strain, F, H), _variation(bulk, strain, F, H)
 
     def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
-        """Return P : H with P = 2 (W_1 + W_2 I1) F - 2 W_2 F C + W_J cof F."""
+        """Return P : H, the derivative of the energy at F in the direction H."""
         strain = Invariants.of(F)
-        W = self.energy_of(strain)
-        W1, W2, WJ = (W.Diff(invariant) for invariant in strain)
-        stress = 2 * (W1 + W2 * strain.I1) * F - 2 * W2 * (F * right_cauchy_green(F)) + WJ * Cof(F)
-        return InnerProduct(stress, H)
+        return _variation(sum(self.energies_of(strain)), strain, F, H)
+
+
+def _variation(
+    W: CoefficientFunction, strain: Invariants, F: CoefficientFunction, H: CoefficientFunction
+) -> CoefficientFunction:
+    """Return P : H with P = 2 (W_1 + W_2 I1) F - 2 W_2 F C + W_J cof F."""
+    W1, W2, WJ = (W.Diff(invariant) for invariant in strain)
+    stress = 2 * (W1 + W2 * strain.I1) * F - 2 * W2 * (F * right_cauchy_green(F)) + WJ * Cof(F)
+    return InnerProduct(stress, H)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal, Self
 
-from ngsolve import CoefficientFunction
 from pydantic import Field, model_validator
 
-from ngfsi.materials.law import IsotropicLaw
+from ngfsi.materials.law import IsotropicLaw, Pair
 from ngfsi.materials.strain import Invariants
 from ngfsi.units import Pressure
 
@@ -38,11 +37,11 @@ class MooneyRivlin(IsotropicLaw):
             )
         return self
 
-    def energy_of(self, strain: Invariants) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume)."""
+    def energies_of(self, strain: Invariants) -> Pair:
+        """Return the stored energy (J per m3 of reference volume): of distortion, and of dilation."""
         I1, I2 = strain.isochoric
         distortion = self.c10 * (I1 - 3) + self.c01 * (I2 - 3) + self.c11 * (I1 - 3) * (I2 - 3)
-        return distortion + self.K / 2 * (strain.J - 1) ** 2
+        return distortion, self.K / 2 * (strain.J - 1) ** 2
 
     @property
     def shear_modulus(self) -> float:

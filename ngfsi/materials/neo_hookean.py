@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from ngsolve import CoefficientFunction, log
+from ngsolve import log
 from pydantic import Field
 
-from ngfsi.materials.law import IsotropicLaw
+from ngfsi.materials.law import IsotropicLaw, Pair
 from ngfsi.materials.strain import Invariants
 from ngfsi.units import Pressure
 
@@ -30,10 +30,10 @@ class NeoHookean(IsotropicLaw):
     Kv: Pressure = Field(gt=0)
     volumetric: Literal["K=Kv", "K=2Kv"]
 
-    def energy_of(self, strain: Invariants) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume)."""
+    def energies_of(self, strain: Invariants) -> Pair:
+        """Return the stored energy (J per m3 of reference volume): of distortion, and of dilation."""
         I1, J = strain.isochoric[0], strain.J
-        return self.C10 * (I1 - 3) + self.bulk_modulus / 2 * ((J * J - 1) / 2 - log(J))
+        return self.C10 * (I1 - 3), self.bulk_modulus / 2 * ((J * J - 1) / 2 - log(J))
 
     @property
     def shear_modulus(self) -> float:

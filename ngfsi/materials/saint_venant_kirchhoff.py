@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from ngsolve import CoefficientFunction
-
-from ngfsi.materials.law import IsotropicLaw
+from ngfsi.materials.law import IsotropicLaw, Pair
 from ngfsi.materials.linear import LinearAtRest
 from ngfsi.materials.strain import Invariants
 
@@ -24,9 +22,9 @@ class SaintVenantKirchhoff(LinearAtRest, IsotropicLaw):
 
     law: Literal["saint_venant_kirchhoff"] = "saint_venant_kirchhoff"
 
-    def energy_of(self, strain: Invariants) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume)."""
+    def energies_of(self, strain: Invariants) -> Pair:
+        """Return the stored energy (J per m3 of reference volume): of shear modulus, and of lambda."""
         I1, I2, _ = strain
         trace = (I1 - 3) / 2
         square = (I1 * I1 - 2 * I2 - 2 * I1 + 3) / 4  # E : E, since C : C = I1^2 - 2 I2
-        return self.lame / 2 * trace**2 + self.shear_modulus * square
+        return self.shear_modulus * square, self.lame / 2 * trace**2

@@ -15,7 +15,7 @@ from ngfsi.materials import Row
 from ngfsi.meshing import cache_folder
 from ngfsi.output.provenance import versions
 from ngfsi.output.stored import StoredRun
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import BACKENDS, choose_backend
 from ngfsi.units import UNITS
 
 PIPED_WIDTH = 160
@@ -56,6 +56,8 @@ def installation() -> RenderableType:
     """Return the versions and the solver that a run would use here."""
     facts: dict[str, Any] = dict(versions())
     facts["direct solver"] = choose_backend("auto")
+    for name, backend in BACKENDS.items():
+        facts[f"  {name}"] = backend.missing() or backend.about
     facts["threads"] = f"{ngsolve.ngsglobals.numthreads} of {os.cpu_count()} processors"
     facts["mesh cache"] = str(cache_folder())
     return _pairs(facts)

@@ -25,6 +25,9 @@ class StoredEnergy(Protocol):
     def energy(self, F: CF) -> CF:
         """Energy per stress-free volume (J/m3) at F."""
 
+    def variations(self, F: CF, H: CF) -> tuple[CF, CF]:
+        """Two parts of P : H, the second of which grows with the bulk modulus."""
+
     def variation(self, F: CF, H: CF) -> CF:
         """P : H, the derivative of the stored energy per stress-free volume (J/m3) at F in the direction H."""
 
@@ -49,9 +52,22 @@ def internal_work(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = 
             the law sees F G, and the energy per reference volume is W / det G (inverse design, Govindjee and Mihalic,
             CMAME 136, 1996; use as prestress as in Gee, Foerster and Wall, IJNMBE 26, 2010).
     """
+    F, grad_v, volume = _from_free_of_stress(F, grad_v, relaxation)
+    return law.variation(F, grad_v) / volume
+
+
+def internal_works(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None) -> tuple[CF, CF]:
+    """Two parts of `internal_work`, the second of which grows with the bulk modulus."""
+    F, grad_v, volume = _from_free_of_stress(F, grad_v, relaxation)
+    rest, bulk = law.variations(F, grad_v)
+    return rest / volume, bulk / volume
+
+
+def _from_free_of_stress(F: CF, grad_v: CF, relaxation: CF | None) -> tuple[CF, CF, CF | float]:
+    """Return gradients in space with respect to the shape that is free of stress, and the volume that 1 has become."""
     if relaxation is None:
-        return law.variation(in_space(F, 1), in_space(grad_v, 0))
-    return law.variation(in_space(F * relaxation, 1), in_space(grad_v * relaxation, 0)) / Det(relaxation)
+        return in_space(F, 1), in_space(grad_v, 0), 1.0
+    return in_space(F * relaxation, 1), in_space(grad_v * relaxation, 0), Det(relaxation)
 
 
 def stored_energy(law: StoredEnergy, F: CF, relaxation: CF | None = None) -> CF:

@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import BilinearForm, GridFunction, Id, Inv
+from ngsolve import GridFunction, Id, Inv
 
 from ngfsi.errors import SolverError
-from ngfsi.physics import terms
-from ngfsi.solve.linear import Backend, Factorisation
+from ngfsi.solve.backends import Name
+from ngfsi.solve.forms import tangent_form
+from ngfsi.solve.linear import Factorisation
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 
@@ -50,7 +51,7 @@ def initial_state(system: System, newton: Newton, say: Say = silent) -> int:
     return flow.factorisation.count + _relax(system, newton.factorisation.backend)
 
 
-def steady_flow(system: System, backend: Backend) -> Newton:
+def steady_flow(system: System, backend: Name) -> Newton:
     """Solve for the steady flow at t = 0 in the present shape, which is held, and return its solver.
 
     Raises:
@@ -113,7 +114,7 @@ def _with_inertia(system: System, newton: Newton) -> None:
             share = trial
 
 
-def _relax(system: System, backend: Backend) -> int:
+def _relax(system: System, backend: Name) -> int:
     """Find the displacement U from the given to the stress-free shape (Govindjee and Mihalic 1996).
 
     Unknown is X0 = X + U(X). Equilibrium on the given shape, d = 0, is solved for U; its residual is that of the
@@ -123,11 +124,9 @@ def _relax(system: System, backend: Backend) -> int:
     space = system.unknowns.space.components[0]
     relaxation, given = GridFunction(space), Id(system.domain.mesh.dim)
     trial, test = space.TnT()
-    form = BilinearForm(space, condense=system.form.condense, check_unused=False)
-    for name, law in system.solids.items():
-        unloaded = Inv(given + ng.Grad(trial))
-        work = terms.internal_work(law, given, ng.Grad(test), unloaded)
-        form += work.Compile() * system.domain.dx(name)
+    unloaded = Inv(given + ng.Grad(trial))
+    parts = [part for name in system.solids for part in system.work_parts(name, given, ng.Grad(test), unloaded)]
+    form = tangent_form(space, parts, condense=system.tangent.condense)
     load = np.array(system.residual().FV().NumPy()[: space.ndof])  # of blood and skin: the tissue is not stressed yet
     free = system.unknowns.free("d")[: space.ndof]
     factorisation = Factorisation(form, free, backend)

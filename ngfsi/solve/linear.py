@@ -2,49 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Any, Literal
+from typing import Any
 
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
+from ngfsi.solve.backends import BACKENDS, Name
 from ngfsi.stopwatch import Stopwatch
 
-Backend = Literal["pardiso", "umfpack"]
 Mask = NDArray[np.bool_]
-
-PARDISO_FLAGS = {"ordering": "metis", "refinement": 0}
-"""Nested dissection keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill
-and nine times the time of a solve."""
-
-
-@cache
-def pardiso_available() -> bool:
-    """Whether MKL's Pardiso solves here (needs the package `mkl`, x86-64 only)."""
-    one = ng.la.SparseMatrixd.CreateFromCOO([0], [0], [1.0], 1, 1)
-    try:
-        one.Inverse(inverse="pardiso")
-    except Exception:  # NGSolve raises a plain Exception when the library is missing
-        return False
-    return True
-
-
-def choose_backend(wanted: Literal["auto", "pardiso", "umfpack"]) -> Backend:
-    """Return the direct solver to use.
-
-    Raises:
-        SolverError: pardiso is asked for but cannot be loaded.
-    """
-    if wanted == "auto":
-        return "pardiso" if pardiso_available() else "umfpack"
-    if wanted == "pardiso" and not pardiso_available():
-        raise SolverError(
-            "solver.linear = 'pardiso' needs MKL, which cannot be loaded here: install the extra `ngfsi[mkl]` "
-            "(x86-64 only) or use 'umfpack'"
-        )
-    return wanted
 
 
 class Factorisation:
@@ -54,7 +22,7 @@ class Factorisation:
     """
 
     def __init__(
-        self, form: ng.BilinearForm, free: Mask, backend: Backend, equations: NDArray[np.int64] | None = None,
+        self, form: ng.BilinearForm, free: Mask, backend: Name, equations: NDArray[np.int64] | None = None,
         watch: Stopwatch | None = None,
     ) -> None:  # fmt: skip
         """Prepare.
@@ -83,11 +51,7 @@ class Factorisation:
                 self.form.AssembleLinearization(state)
                 self._take_rows()
             with self._watch("factorisation"):
-                if self._inverse is None or self.backend != "pardiso":
-                    flags = {"flags": PARDISO_FLAGS} if self.backend == "pardiso" else {}
-                    self._inverse = self.form.mat.Inverse(self._solved, inverse=self.backend, **flags)
-                else:
-                    self._inverse.Update()
+                self._inverse = BACKENDS[self.backend].factors(self.form.mat, self._solved, self._inverse)
         except Exception as error:  # NGSolve raises its own and generic exceptions for singular element matrices
             raise SolverError(f"the linearised system could not be factorised: {error}") from error
         self.count += 1

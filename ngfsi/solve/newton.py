@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
-from ngfsi.solve.linear import Backend, Factorisation
+from ngfsi.solve.backends import Name
+from ngfsi.solve.linear import Factorisation
 from ngfsi.solve.system import System, Vector
 
 SLOW = 12
@@ -83,11 +84,11 @@ class Mixing:
 class Newton:
     """Solver of a system's nonlinear equations on the unknowns of the named blocks (all if none is named)."""
 
-    def __init__(self, system: System, backend: Backend, *blocks: str) -> None:
+    def __init__(self, system: System, backend: Name, *blocks: str) -> None:
         self.system = system
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
-        self.factorisation = Factorisation(system.form, self.free, backend, system.unknowns.equations, system.watch)
+        self.factorisation = Factorisation(system.tangent, self.free, backend, system.unknowns.equations, system.watch)
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False

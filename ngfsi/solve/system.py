@@ -15,7 +15,7 @@ from ngfsi.domain import Domain
 from ngfsi.materials import Newtonian
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.compiled import compiled
+from ngfsi.solve.forms import Part, reduced_rules, residual_form, rules, tangent_form
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
 from ngfsi.stopwatch import Stopwatch
@@ -23,9 +23,9 @@ from ngfsi.stopwatch import Stopwatch
 Vector = NDArray[np.float64]
 
 EXTRA_ORDER = 1
-"""Integration order of the blood's momentum beyond NGSolve's default, for cof(F) : grad u, the lumen's balance of mass:
-free on hexahedra of order 2, and the balance closes to 1e-7 of the flow; 2 closes it to rounding, but doubles the cost
-of the Jacobian and changes the mean wall shear by 6e-4."""
+"""Integration order of the blood's terms beyond twice that of the elements, for the lumen's balance of mass,
+cof(F) : grad u. It is free on hexahedra of order 2, and the balance closes to 1e-7 of the flow; 2 closes it to
+rounding, but doubles the cost of the Jacobian and changes the mean wall shear by 6e-4."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,10 @@ class System:
         self.relaxation: GridFunction | None = None
         if case.conditions.initial_state == "prestress":
             self.relaxation = GridFunction(space.components[0])
-        self._native = case.solver.compile
-        self.form = self._form()
+        parts = self.parts()
+        self.form = residual_form(space, parts)
+        # interior unknowns appear from order 3 on
+        self.tangent = tangent_form(space, parts, condense=self.unknowns.order >= 3)
         self._residual = self.state.vec.CreateVector()
         self._inlet = Inlet(self) if domain.geometry.fluid else None
 
@@ -114,61 +116,61 @@ class System:
         """G = dX/dX0 where the reference shape is prestressed: inverse of I + grad(X0 - X)."""
         return None if self.relaxation is None else Inv(Kinematics(ng.Grad(self.relaxation)).F)
 
-    def _form(self) -> ng.BilinearForm:
-        trial, test = self.unknowns.space.TnT()
-        # interior unknowns appear from order 3 on; the form has no equation for them to lose
-        form = ng.BilinearForm(self.unknowns.space, condense=self.unknowns.order >= 3, check_unused=False)
-        for integral in self._solid_terms(trial[0], test[0]):
-            form += integral
-        if self.domain.geometry.fluid:
-            for integral in self._fluid_terms(trial, test):
-                form += integral
-        return form
-
     def fluid_form(self) -> ng.BilinearForm:
-        """Return the form of the fluid alone: what it lacks at a boundary is the force on that boundary."""
-        form = ng.BilinearForm(self.unknowns.space, check_unused=False)
-        for integral in self._fluid_terms(*self.unknowns.space.TnT()):
-            form += integral
-        return form
+        """Return the residual of the fluid alone: what it lacks at a boundary is the force on that boundary."""
+        return residual_form(self.unknowns.space, self.fluid_parts())
 
-    def _solid_terms(self, m: Any, v: Any) -> list[Any]:
+    def parts(self) -> list[Part]:
+        """Return the integrands of the weak form."""
+        return self.solid_parts() + (self.fluid_parts() if self.domain.geometry.fluid else [])
+
+    def work_parts(self, name: str, F: Any, grad_v: Any, relaxation: Any | None) -> list[Part]:
+        """Return the virtual work of a solid's stresses, at all integration points first."""
+        order, law, dx = self.unknowns.order, self.solids[name], self.domain.dx
+        measure = dx(name, intrules=rules(2 * order))
+        if self.case.discretisation.bulk_integration == "full":
+            return [Part([terms.internal_work(law, F, grad_v, relaxation)], measure)]
+        rest, bulk = terms.internal_works(law, F, grad_v, relaxation)
+        return [Part([rest], measure), Part([bulk], dx(name, intrules=reduced_rules(order)))]
+
+    def solid_parts(self) -> list[Part]:
+        """Return the integrands of the solids and of the pressure on the skin."""
+        trial, test = self.unknowns.space.TnT()
+        m, v = trial[0], test[0]
         new, old = self.new_weight, self.acceleration_history.components[0]
         acceleration = new * (new * m + self.velocity_history.components[0]) + old
-        integrals = []
+        F, relaxation = Kinematics(ng.Grad(m)).F, self.stress_free_gradient()
+        parts = []
         for name, law in self.solids.items():
-            work = terms.internal_work(law, Kinematics(ng.Grad(m)).F, ng.Grad(v), self.stress_free_gradient())
-            work += terms.inertia(law.density, acceleration, v)
-            integrals.append(compiled(work, native=self._native) * self.domain.dx(name))
+            (works, measure), *more = self.work_parts(name, F, ng.Grad(v), relaxation)
+            parts += [Part([*works, terms.inertia(law.density, acceleration, v)], measure), *more]
         if self.domain.has_boundary("skin"):
             skin, normal = Kinematics(ng.Grad(m).Trace()), ng.specialcf.normal(self.domain.mesh.dim)
             pressure = terms.follower_pressure(self.skin_pressure, skin, normal, v.Trace())
-            integrals.append(pressure * self.domain.ds("skin"))
-        return integrals
+            parts.append(Part([pressure], self.domain.ds("skin")))
+        return parts
 
-    def _fluid_terms(self, trial: Any, test: Any) -> list[Any]:
-        blood, rho = self.blood, self.blood_density
-        f = self.fields(trial)
+    def fluid_parts(self) -> list[Part]:
+        """Return the integrands of the blood and of the mesh motion."""
+        trial, test = self.unknowns.space.TnT()
+        blood, f = self.blood, self.fields(trial)
         k = Kinematics(f.grad_motion)
         # which unknown's equation that makes: see Unknowns.equations
         v, v_mesh = test[0], test[1]
-        momentum = (
-            terms.convective_inertia(rho, k, f.acceleration, f.grad_velocity, f.relative, v)
-            + terms.fluid_stress_work(blood, k, f.grad_velocity, f.pressure, ng.Grad(v))
-            + terms.incompressibility(k, f.grad_velocity, test[2])
-        )
+        inside = [
+            terms.convective_inertia(self.blood_density, k, f.acceleration, f.grad_velocity, f.relative, v),
+            terms.fluid_stress_work(blood, k, f.grad_velocity, f.pressure, ng.Grad(v)),
+            terms.incompressibility(k, f.grad_velocity, test[2]),
+        ]
         stiffness = self.case.discretisation.extension_stiffness
         if self.case.discretisation.mesh_motion == "harmonic":
-            mesh_motion = terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(v_mesh))
+            inside.append(terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(v_mesh)))
         else:
             stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
-            mesh_motion = terms.elastic_extension(stiffness, k, ng.Grad(v_mesh))
-        fluid = self.domain.fluid
-        return [
-            compiled(momentum, native=self._native) * self.domain.dx(fluid, bonus_intorder=EXTRA_ORDER),
-            mesh_motion.Compile() * self.domain.dx(fluid),
-            *(self.opening(name, f, k, v).Compile() * self.domain.ds(name, skeleton=True) for name in self.openings),
-        ]
+            inside.append(terms.elastic_extension(stiffness, k, ng.Grad(v_mesh)))
+        through = (Part([self.opening(n, f, k, v)], self.domain.ds(n, skeleton=True)) for n in self.openings)
+        measure = self.domain.dx(self.domain.fluid, intrules=rules(2 * self.unknowns.order + EXTRA_ORDER))
+        return [Part(inside, measure), *through]
 
     def opening(self, name: str, f: Fields, k: Kinematics, v: Any) -> Any:
         """Return the integrand of the traction on an opening with a prescribed pressure; needs the full gradient."""

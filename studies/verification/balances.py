@@ -16,8 +16,8 @@ from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.energy import Energy
 from ngfsi.measure.probe import Probe
 from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import initial_state
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import TimeLoop

@@ -9,7 +9,8 @@ from netgen.geom2d import SplineGeometry
 from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.linear import Factorisation, choose_backend
+from ngfsi.solve.backends import choose_backend
+from ngfsi.solve.linear import Factorisation
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 
 CORNERS = ((0.0, 0.0), (48e-3, 44e-3), (48e-3, 60e-3), (0.0, 44e-3))

@@ -6,8 +6,8 @@ from geometry.channel import CylinderInChannel
 from ngfsi.case import Materials
 from ngfsi.materials import Newtonian
 from ngfsi.measure.force import Force
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import steady_flow
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 from studies.verification.plane import at_rest, case_of, refined

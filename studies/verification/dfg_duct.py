@@ -5,8 +5,8 @@ from __future__ import annotations
 from geometry.channel import CylinderInDuct, CylinderMesh
 from ngfsi.case import Materials
 from ngfsi.measure.force import Force
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import steady_flow
-from ngfsi.solve.linear import choose_backend
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 from studies.verification.dfg_cylinder import FLUID, SPEED, coefficient
 from studies.verification.plane import at_rest, case_of, refined

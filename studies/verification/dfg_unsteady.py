@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from ngfsi.case import Materials, TimeStepping
 from ngfsi.curves import FlowConstant
 from ngfsi.measure.force import Force
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
 from studies.verification.dfg_cylinder import CHANNEL, FLUID, coefficient, pressure_difference
@@ -37,7 +37,6 @@ def compute(setting: Setting) -> tuple[Values, Signals]:
         "loads.inlet_flow": HalfWave(value=SPEED * CHANNEL.height),
         "time": TimeStepping(step=setting["h"], end=setting["end"]),
         "solver.tolerance": 1e-6,
-        "solver.compile": setting["end"] / setting["h"] > 500,
     }
     system, _ = at_rest(case_of(geometry, 0.0, Materials(fluid=FLUID), **changes))
     force = Force(system, "cylinder")

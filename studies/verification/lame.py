@@ -8,16 +8,21 @@ from studies.verification.radial import lame
 from studies.verification.tube import inner_radius_change
 
 INNER, OUTER, INSIDE, OUTSIDE = 5.55e-3, 16e-3, 0.5, 0.2
-LAWS = {f"nu {poisson}": SaintVenantKirchhoff(young=30e3, poisson=poisson, density=0.0) for poisson in (0.3, 0.45)}
+RATIOS = {0.3: "full", 0.45: "full", 0.499: "reduced", 0.4999: "reduced"}
+"""Poisson's ratio -> how the resistance to changes of volume is integrated."""
 
 
 def compute(setting: Setting) -> Values:
     """Return the inner displacement over that of the linear solution, for each Poisson ratio."""
     order, refinement = setting["order"], round(1 / setting["h"])
     found = {}
-    for name, law in LAWS.items():
-        u = inner_radius_change(INNER, 2e-3, OUTER, (law, law), INSIDE, OUTSIDE, order=order, refinement=refinement)
-        found[f"{name}: u / u Lame"] = u / lame(INNER, OUTER, law.young, law.poisson, INSIDE, OUTSIDE)
+    for poisson, integration in RATIOS.items():
+        law = SaintVenantKirchhoff(young=30e3, poisson=poisson, density=0.0)
+        u = inner_radius_change(
+            INNER, 2e-3, OUTER, (law, law), INSIDE, OUTSIDE, order=order, refinement=refinement,
+            **{"discretisation.bulk_integration": integration},
+        )  # fmt: skip
+        found[f"nu {poisson}: u / u Lame"] = u / lame(INNER, OUTER, law.young, law.poisson, INSIDE, OUTSIDE)
     return found
 
 
@@ -25,7 +30,9 @@ CASE = Benchmark(
     title="Lame cylinder",
     solves="a ring of wall and tissue of one linear elastic law under pressure inside and outside, by the coupled "
     "system: blood at rest in the lumen, pressure on the skin, ends on rollers",
-    exact="the displacement of the inner face in plane strain; strains of 1e-5, at which the law is linear to 1e-4",
+    exact="the displacement of the inner face in plane strain; strains of 1e-5, at which the law is linear to 1e-4. "
+    "From nu = 0.499 with bulk_integration = 'reduced': the full one locks, at 0.4999 on the coarsest mesh by 26 % "
+    "with k = 2 and by 0.45 % with k = 3",
     compute=compute,
 )
 LEVELS = {
@@ -34,7 +41,11 @@ LEVELS = {
 }
 REFERENCES = tuple(
     Reference(
-        f"{name}: u / u Lame", 1.0, "1", {"k = 2": 1e-2, "k = 3": 5e-4, "k = 4": 2e-4}, "G. Lame, 1852; see radial.py"
+        f"nu {poisson}: u / u Lame",
+        1.0,
+        "1",
+        {"k = 2": 1e-2, "k = 3": 5e-4, "k = 4": 2e-4},
+        "G. Lame, 1852; see radial.py",
     )
-    for name in LAWS
+    for poisson in RATIOS
 )

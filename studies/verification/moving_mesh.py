@@ -14,7 +14,7 @@ from ngfsi.case import Case, Materials, TimeStepping
 from ngfsi.domain import Domain
 from ngfsi.measure.deformation import Deformation
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import History, TimeLoop

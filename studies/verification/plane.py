@@ -49,7 +49,7 @@ def case_of(geometry: Any, flow: float, materials: Materials, **more: Any) -> Ca
         conditions=Conditions(ends="clamped"),
         discretisation=Discretisation(order=geometry.curving_order),
         time=TimeStepping(step=1.0, end=1.0),
-        solver=Solver(compile=False, tolerance=1e-9),
+        solver=Solver(tolerance=1e-9),
     ).replace(**more)
 
 

@@ -10,8 +10,8 @@ from geometry.tube import TubeSegment
 from ngfsi.curves import FlowConstant
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.wall import Wall
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import steady_flow
-from ngfsi.solve.linear import choose_backend
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 from studies.verification.tube import BLOOD, relative_error, system
 

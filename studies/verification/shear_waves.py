@@ -15,7 +15,7 @@ from geometry.channel import ElasticChannel, PlaneMesh
 from ngfsi.case import Case, Materials, TimeStepping
 from ngfsi.domain import Domain
 from ngfsi.materials import CompressibleNeoHookean, Newtonian
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import History, TimeLoop

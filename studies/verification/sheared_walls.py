@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from geometry.channel import ElasticChannel, PlaneMesh
 from ngfsi.case import Materials
 from ngfsi.materials import MooneyRivlin, Newtonian, load_set
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 from studies.verification.plane import at_rest, body_force, case_of

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.solve.linear import Factorisation, choose_backend
+from ngfsi.solve.backends import choose_backend
+from ngfsi.solve.linear import Factorisation
 from ngfsi.verify import VerificationError
 
 NEWTON_STEPS = 20

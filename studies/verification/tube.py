@@ -9,13 +9,13 @@ import numpy as np
 
 from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
-from ngfsi.case import Case, Discretisation, Loads, Materials, Solver, TimeStepping
+from ngfsi.case import Case, Discretisation, Loads, Materials, TimeStepping
 from ngfsi.curves import FlowConstant, PressureConstant
 from ngfsi.domain import Domain
 from ngfsi.materials import Newtonian, SolidLaw
 from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import initial_state
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 
@@ -62,20 +62,20 @@ def system(geometry: TubeSegment, law: SolidLaw, wall: SolidLaw, inside: float, 
         ),
         discretisation=Discretisation(order=geometry.curving_order),
         time=TimeStepping(step=0.1, end=0.1),
-        solver=Solver(compile=False),
     ).replace(**more)
     return System(case, Domain.build(geometry))
 
 
 def inner_radius_change(
     inner: float, wall_thickness: float, outer: float, laws: tuple[SolidLaw, SolidLaw], inside: float, outside: float,
-    *, order: int, refinement: int,
+    *, order: int, refinement: int, **more: Any,
 ) -> float:  # fmt: skip
     """Return the change (m) of the lumen's radius under pressures (Pa), from its volume, by the coupled system.
 
     Args:
         laws: of wall and of tissue.
         refinement: number of layers in the wall, twice as many in the tissue.
+        more: changes of the case.
     """
     geometry = TubeSegment(
         length=2e-3,
@@ -92,7 +92,7 @@ def inner_radius_change(
             curving_order=order,
         ),
     )
-    found = system(geometry, laws[1], laws[0], inside, outside)
+    found = system(geometry, laws[1], laws[0], inside, outside, **more)
     initial_state(found, Newton(found, choose_backend("auto")))
     motion = Kinematics(found.fields(found.state.components).grad_motion)
     volume = ng.Integrate(motion.J * found.domain.dx("fluid", bonus_intorder=8), found.domain.mesh)

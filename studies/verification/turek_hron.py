@@ -66,7 +66,7 @@ def rising_case(name: str, geometry: PlaneSection, step: float, end: float, **mo
     """Return the case of a benchmark whose inflow rises from rest; times in s."""
     inflow = FlowSmoothRamp(final=DATA[name].speed * HEIGHT, duration=RAMP)
     time = TimeStepping(step=step, end=end)
-    loads = {"loads.inlet_flow": inflow, "time": time, "solver.tolerance": 1e-6, "solver.compile": end / step > 500}
+    loads = {"loads.inlet_flow": inflow, "time": time, "solver.tolerance": 1e-6}
     return flow_case(name, geometry, **loads, **more)
 
 

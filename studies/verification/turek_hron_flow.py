@@ -8,8 +8,8 @@ import ngsolve as ng
 
 from ngfsi.case import Case
 from ngfsi.domain import Domain
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import steady_flow
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
@@ -77,7 +77,7 @@ LEVELS: dict[str, dict[str, tuple[dict[str, Any], ...]]] = {
             for name in STEADY
             for k in (2, 3, 4)
         },
-        "CFD3": ({"case": "CFD3", "order": 3, "h": 1.0, "step": 0.002, "end": 12.0},),
+        "CFD3": ({"case": "CFD3", "order": 3, "h": 0.5, "step": 0.005, "end": 12.0},),
     },
 }
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.case import Case
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import initial_state
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
 from studies.verification.plane import at_rest, march, refined

@@ -14,8 +14,8 @@ from geometry.tube import TubeSegment
 from ngfsi.curves import FlowConstant
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.wall import Method, Wall
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import NEWTON_STEPS
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Values

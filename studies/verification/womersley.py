@@ -12,7 +12,7 @@ from geometry.tube import TubeSegment
 from ngfsi.case import TimeStepping
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.wall import Wall
-from ngfsi.solve.linear import choose_backend
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import TimeLoop

@@ -46,6 +46,9 @@ each_law = pytest.mark.parametrize("law", ALL, ids=lambda law: type(law).__name_
 # Lame's constants of E = 133 kPa, nu = 0.3, from the textbook formulas
 MU = 133e3 / 2.6
 LAM = 133e3 * 0.3 / (1.3 * 0.4)
+# Poisson's ratios of 7 times that lambda, and of 7 times that bulk modulus
+POISSON_7 = 7 * LAM / (2 * (7 * LAM + MU))
+POISSON_7K = (3 * 7 * (LAM + 2 * MU / 3) - 2 * MU) / (2 * (3 * 7 * (LAM + 2 * MU / 3) + MU))
 # expected initial shear and bulk modulus, written out by hand
 MODULI = {
     MOONEY: (6980.0, 28450.0),
@@ -66,8 +69,10 @@ class Numeric:
         F = CF(tuple(self._entries), dims=(3, 3)).MakeVariable()
         H = CF(tuple(self._direction), dims=(3, 3))
         self._W = law.energy(F)
-        units = (CF(tuple(unit(i, j).ravel()), dims=(3, 3)) for i in range(3) for j in range(3))
-        self._P = CF(tuple(law.variation(F, direction) for direction in units), dims=(3, 3))
+        directions = [CF(tuple(unit(i, j).ravel()), dims=(3, 3)) for i in range(3) for j in range(3)]
+        self._P = CF(tuple(law.variation(F, direction) for direction in directions), dims=(3, 3))
+        by_part = zip(*(law.variations(F, direction) for direction in directions), strict=True)
+        self._parts = [CF(tuple(part), dims=(3, 3)) for part in by_part]
         self._dP = self._P.Diff(F, H)
         self._point = unit_mesh()(0.3, 0.3, 0.3)
 
@@ -82,6 +87,11 @@ class Numeric:
     def stress(self, F: Array) -> Array:
         """First Piola-Kirchhoff stress."""
         return self._at(self._P, F).reshape(3, 3)
+
+    def stresses(self, F: Array) -> tuple[Array, Array]:
+        """First Piola-Kirchhoff stress without and by what grows with the bulk modulus."""
+        rest, bulk = (self._at(part, F).reshape(3, 3) for part in self._parts)
+        return rest, bulk
 
     def stress_rate(self, F: Array, H: Array) -> Array:
         """Derivative of the first Piola-Kirchhoff stress in direction H."""
@@ -136,6 +146,26 @@ def uniaxial(stretch: float) -> Array:
 
 def test_the_battery_covers_every_law() -> None:
     assert {type(law) for law in ALL} == set(SOLID_LAWS)
+
+
+@pytest.mark.parametrize(
+    ("law", "stiffer"),
+    [
+        (MOONEY, MOONEY.replace(K=7 * MOONEY.K)),
+        (NEO, NEO.replace(Kv=7 * NEO.Kv)),
+        *((law, law.replace(poisson=POISSON_7, young=2 * MU * (1 + POISSON_7))) for law in (SVK, BONET)),
+        (HENCKY, HENCKY.replace(poisson=POISSON_7K, young=2 * MU * (1 + POISSON_7K))),
+    ],
+    ids=lambda law: type(law).__name__,
+)
+def test_one_part_alone_grows_with_the_bulk_modulus(law: SolidLaw, stiffer: SolidLaw) -> None:
+    """7 times the bulk modulus, or lambda, at the same shear modulus, and the parts make the whole."""
+    for F in deformations():
+        rest, bulk = numeric(law).stresses(F)
+        still, grown = numeric(stiffer).stresses(F)
+        assert np.linalg.norm(still - rest) < 1e-10 * np.linalg.norm(rest)
+        assert np.linalg.norm(grown - 7 * bulk) < 1e-10 * np.linalg.norm(grown)
+        assert np.linalg.norm(rest + bulk - numeric(law).stress(F)) < 1e-11 * np.linalg.norm(rest)
 
 
 @each_law

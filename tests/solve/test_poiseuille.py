@@ -12,8 +12,8 @@ from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
 from ngfsi.curves import PressureConstant
 from ngfsi.measure.probe import Probe
+from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import steady_flow
-from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.system import System
 from tests.slopes import apply
 from tests.vein import case_of, system_of
@@ -115,10 +115,7 @@ def test_work_of_the_blood_on_the_wall(pipe: Pipe) -> None:
     """
     system = pipe.system
     space, domain = system.unknowns.space, system.domain
-    form = ng.BilinearForm(space, check_unused=False)
-    for term in system._fluid_terms(*space.TnT()):
-        form += term
-    rows = apply(form, system.state.vec, system.values)
+    rows = apply(system.fluid_form(), system.state.vec, system.values)
     along, outwards = ng.CF((0, 0, ng.z / LENGTH)), ng.CF((ng.x, ng.y, 0)) / RADIUS * ng.z / LENGTH
     work = {}
     for name, motion in (("along", along), ("outwards", outwards)):

@@ -1,0 +1,109 @@
+"""Direct solvers: which there are, whether they are here, and how they are told to work.
+
+Each speaks NGSolve's interface of analysis, factorisation, solution and renewed factorisation; another one is another
+entry of `BACKENDS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, Literal
+
+import ngsolve as ng
+import numpy as np
+from ngsolve.solvers.mkl_pardiso import MKLPardiso
+
+from ngfsi.errors import SolverError
+
+Name = Literal["pardiso", "pardiso_single", "umfpack"]
+
+NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
+"""It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the
+time of a solve."""
+SINGLE_PRECISION = 27
+"""MKL's number of the parameter."""
+
+
+class SinglePardiso(MKLPardiso):  # type: ignore[misc]
+    """Pardiso on matrix, factors and vectors of single precision."""
+
+    def Analyze(self) -> None:
+        """Order and factorise."""
+        self._release()
+        (values, self._indices_np, self._indptr_np), self._csr_mat = self.get_csr()
+        self._params[SINGLE_PRECISION] = 1
+        self._n[0] = len(self._indptr_np) - 1
+        self._data_np = np.array(values, dtype=np.float32)
+        self._b_np, self._x_np = np.zeros((2, self._n[0]), dtype=np.float32)
+        for name in ("data", "indices", "indptr", "b", "x"):
+            setattr(self, f"_{name}", np.ctypeslib.as_ctypes(getattr(self, f"_{name}_np")))
+        self._call_pardiso(12)
+        self._is_first_factor_call = True
+
+
+ng.la.RegisterInverseType("pardiso_single", SinglePardiso)
+
+
+@cache
+def without_mkl() -> str:
+    """Say why MKL's Pardiso cannot be used here, or nothing."""
+    one = ng.la.SparseMatrixd.CreateFromCOO([0], [0], [1.0], 1, 1)
+    try:
+        one.Inverse(inverse="pardiso")
+    except Exception:  # NGSolve raises a plain Exception when the library is missing
+        return "needs MKL, which cannot be loaded here: install the extra `ngfsi[mkl]` (x86-64 only)"
+    return ""
+
+
+@dataclass(frozen=True)
+class Backend:
+    """A direct solver, as NGSolve knows it.
+
+    Attributes:
+        name: for `solver.linear` and for NGSolve.
+        about: what it is good for.
+        missing: says why it cannot be used here, or nothing.
+        updates: whether a new matrix of the same pattern needs no new analysis.
+        flags: for NGSolve.
+    """
+
+    name: Name
+    about: str
+    missing: Callable[[], str] = str
+    updates: bool = False
+    flags: Mapping[str, Any] = field(default_factory=dict)
+
+    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None) -> Any:
+        """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible."""
+        if old is None or not self.updates:
+            return matrix.Inverse(rows, inverse=self.name, **({"flags": dict(self.flags)} if self.flags else {}))
+        old.Update()
+        return old
+
+
+BACKENDS = {
+    backend.name: backend
+    for backend in (
+        Backend("pardiso", "MKL's, the fastest here", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
+        Backend("umfpack", "comes with NGSolve"),
+        Backend("pardiso_single", "Pardiso with factors of single precision: less memory for more iterations, to the "
+                "same tolerance", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
+    )
+}  # fmt: skip
+"""In the order in which 'auto' takes them."""
+
+
+def choose_backend(wanted: Literal["auto"] | Name) -> Name:
+    """Return the direct solver to use.
+
+    Raises:
+        SolverError: the one that is asked for is not here.
+    """
+    if wanted == "auto":
+        return next(name for name, backend in BACKENDS.items() if not backend.missing())
+    if reason := BACKENDS[wanted].missing():
+        others = " or ".join(f"'{name}'" for name, backend in BACKENDS.items() if not backend.missing())
+        raise SolverError(f"solver.linear = '{wanted}' {reason} or use {others}")
+    return wanted
