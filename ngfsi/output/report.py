@@ -16,11 +16,10 @@ from ngfsi.measure.decomposition import STAGES, decompose
 from ngfsi.output import charts
 from ngfsi.output.charts import Runs
 from ngfsi.output.load import transmission
-from ngfsi.output.stored import StoredRun, open_run
+from ngfsi.output.stored import SAME_TIME, StoredRun, open_run
 from ngfsi.output.table import explained
 from ngfsi.units import from_si
 
-SAME_TIME = 1e-9
 REFERENCES = (
     "Y. Wang, PhD thesis on the effect of external compression on the deep veins of the calf (supervisor X. Y. Xu); "
     "Wang et al., Med Eng Phys (2011).",
