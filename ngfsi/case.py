@@ -23,7 +23,7 @@ from ngfsi.curves import FlowConstant, FlowCurve, PressureConstant, PressureCurv
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.section import Section
-from ngfsi.units import MMHG, Angle, Length, Time
+from ngfsi.units import MMHG, Angle, Length, Pressure, Time
 
 
 def _build_geometry(value: Any, info: ValidationInfo) -> Any:
@@ -192,6 +192,12 @@ class Output(Section):
     """Steps between two checkpoints, from which a stopped run goes on; 0: by the clock alone."""
     checkpoint_interval: Time = Field(default=300.0, gt=0)
     """Seconds on the clock after which a checkpoint is due in any case."""
+    wall_every: int = Field(default=1, ge=1)
+    """Steps between two written states of the vein's inner wall, from which TAWSS and OSI follow."""
+    stations: int = Field(default=11, ge=2)
+    """Number of cross-sections whose outlines and shapes are written with the fields."""
+    low_shear: Pressure = Field(default=0.1, gt=0)
+    """Wall shear stress below which an area of the wall counts as of low shear."""
 
 
 class Case(Section):

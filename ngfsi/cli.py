@@ -1,4 +1,4 @@
-"""Command line: `ngfsi run`, `resume`, `study`, `verify`, `bench`, `materials`, `info`, `export`.
+"""Command line: `ngfsi run`, `resume`, `study`, `verify`, `bench`, `info`, `report`, `export` and others.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
 equations could not be solved, 4 stopped before its end as asked (--max-wall, a file STOP), 130 interrupted by Ctrl-C,
@@ -266,6 +266,51 @@ def export(
 
     path, found = write(open_run(folder), time, fmt, output)
     typer.echo(f"The fields at {found:g} s are in '{path}'")
+
+
+@app.command()
+def animate(
+    folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="GIF to write.")] = Path("vein.gif"),
+) -> None:
+    """Draw the vein over time as a GIF.
+
+    Wall shear stress on the deforming inner wall.
+
+    Example: ngfsi animate runs/calf -o vein.gif
+    """
+    from ngfsi.output import open_run
+    from ngfsi.output.render import animation
+
+    if failure := animation(open_run(folder), output):
+        raise OutputError(failure)
+    typer.echo(f"The animation is '{output}'")
+
+
+@app.command()
+def report(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of runs.", metavar="RUN...")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("report.html"),
+    claims: Annotated[
+        Path | None,
+        typer.Option(help="Printed numbers in TOML; default those of the source study.", show_default=False),
+    ] = None,
+) -> None:
+    """Show runs in one HTML file.
+
+    Of one run or several compared: setup, results with their errors, interactive charts, the vein to turn.
+
+    Example: ngfsi report runs/demo/m_s1 runs/demo/n_likely -o compared.html
+    """
+    from ngfsi.output.disk import explained
+    from ngfsi.output.report import report as write
+
+    chosen = claims or Path(__file__).parents[1] / "studies" / "source_claims.toml"
+    printed: dict[str, Any] = {}
+    if claims or chosen.exists():
+        with explained(chosen, "read"):
+            printed = tomllib.loads(chosen.read_text(encoding="utf-8"))
+    typer.echo(f"The report is '{write(folders, output, printed)}'")
 
 
 def parse_change(text: str) -> tuple[str, Any]:

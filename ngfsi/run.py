@@ -17,12 +17,15 @@ from ngfsi.domain import Domain
 from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, SolverError, StoppedError
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
+from ngfsi.measure.shape import Shape
 from ngfsi.output.checkpoint import Checkpoint, Checkpoints
-from ngfsi.output.fields import FieldWriter
+from ngfsi.output.fields import DEFORMATION, STRESS, FieldWriter
 from ngfsi.output.folder import CASE, CHECKPOINTS, MANIFEST, STOP, RunFolder
 from ngfsi.output.progress import Progress
 from ngfsi.output.provenance import versions
 from ngfsi.output.stored import StoredRun, open_run
+from ngfsi.physics import terms
+from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.backends import Name, choose_backend
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
@@ -199,6 +202,7 @@ class Computation:
         with Progress(self.case.name, end=self.case.time.end, steps=loop.steps, quiet=quiet) as progress:
             if self.start is None:
                 self._record(0.0, 0.0, probe)
+                self._write_wall(0.0, probe, writer)
                 self._write(0.0, probe, writer)
                 self._keep(loop)
             self._march(loop, probe, writer, progress, stops)
@@ -224,22 +228,30 @@ class Computation:
                 if (step := next(steps, None)) is None:
                     return
             except SolverError:
-                if self._time not in writer.times:  # the last good state, to see what happened
-                    self._write(self._time, probe, writer)
+                self._write_what_is_not(probe, writer)
                 raise
             self._time = step.time
             self._record(step.time, step.size, probe)
             self._note_cost(step)
             for warning in probe.deformation.approaching():
                 self.folder.log(f"t = {step.time:.6g} s: {warning}")
-            if self._is_written(step, loop):
+            if self._is_due(step, loop, self.case.output.wall_every):
+                self._write_wall(step.time, probe, writer)
+            if self._is_due(step, loop, self.case.output.fields_every):
                 self._write(step.time, probe, writer)
             progress.advance(step.index, step.time, step.solution.iterations)
             if self._is_kept(step):
                 self._keep(loop)
 
-    def _is_written(self, step: Step, loop: TimeLoop) -> bool:
-        every = self.case.output.fields_every
+    def _write_what_is_not(self, probe: Probe, writer: FieldWriter) -> None:
+        """Write the last good state, to see what happened."""
+        if self._time not in writer.times["wall"]:
+            self._write_wall(self._time, probe, writer)
+        if self._time not in writer.times["volume"]:
+            self._write(self._time, probe, writer)
+
+    @staticmethod
+    def _is_due(step: Step, loop: TimeLoop, every: int) -> bool:
         return step.time == loop.end or (every > 0 and step.index % every == 0)
 
     def _is_kept(self, step: Step) -> bool:
@@ -288,8 +300,15 @@ class Computation:
 
     def _write(self, time: float, probe: Probe, writer: FieldWriter) -> None:
         with self.watch("output"):
-            writer.write(time, probe.wall.sample(WALL_REFINEMENT))
-            self.folder.record_outlines(time, probe.sections.rings)
+            writer.write(time)
+            sections = probe.outlines
+            sections.refresh()
+            self.folder.record_outlines(time, sections.rings)
+            self.folder.record_shape(Shape.of(sections).rows(time))
+
+    def _write_wall(self, time: float, probe: Probe, writer: FieldWriter) -> None:
+        with self.watch("output"):
+            writer.write_wall(time, probe.wall.sample(WALL_REFINEMENT))
 
     def _note_system(self, system: System) -> None:
         unknowns = system.unknowns
@@ -309,8 +328,14 @@ def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
     fluid = domain.fluid
     solid_velocity = system.new_weight * system.state.components[0] + system.velocity_history.components[0]
     everywhere = {name: solid_velocity for name in domain.geometry.solids} | {fluid: fields.velocity}
+    relaxation, strain = system.stress_free_gradient(), Kinematics(fields.grad_motion).F
+    strain = strain if relaxation is None else strain * relaxation
+    stress = {name: terms.cauchy_stress(law, strain).Compile() for name, law in system.solids.items()}
+    none = ng.CF((0,) * 9, dims=(3, 3))
     return {
         "displacement_m": fields.motion,
         "velocity_m_s": domain.mesh.MaterialCF(everywhere),
         "pressure_Pa": domain.mesh.MaterialCF({fluid: fields.pressure}, default=0),
+        STRESS: domain.mesh.MaterialCF({**stress, fluid: none}),
+        DEFORMATION: domain.mesh.MaterialCF({**dict.fromkeys(stress, strain), fluid: none}),
     }

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ngfsi.output.figures import COLOURS, Group, outlines, time_series
+from ngfsi.measure.decomposition import decompose
+from ngfsi.output.figures import COLOURS, Group, outlines, stacked_series, time_series
 from ngfsi.output.render import displacement_picture, wall_shear_picture
 from ngfsi.output.stored import StoredRun
 from ngfsi.units import from_si
@@ -57,6 +58,16 @@ def _series(findings: Mapping[str, Finding], groups: list[Group], folder: Path) 
             "Solid: computed. Dashed: what developed (Poiseuille) flow would exert with the same local area and flow "
             f"rate; the difference is the velocity profile, which lags behind.{cross}",
             path,
+        )
+    causes = folder / "sawss_causes.png"
+    whole = {f.title: f.run for key, f in findings.items() if key in ("m_s1", "n_likely")}
+    if whole:
+        stacked_series({title: (run.series["time_s"], decompose(run.series)) for title, run in whole.items()},
+                       "computed", "SAWSS [Pa]", causes)  # fmt: skip
+        files["Why the wall shear stress rises"] = (
+            "SAWSS since t = 0 by cause: narrower sections, the blood that the vein expels itself, sections that are "
+            "no circles, and the velocity profile; they sum to the computed value.",
+            causes,
         )
     files["Wall shear stress, relative"] = ("SAWSS over its value at t = 0.", ratio)
     return files

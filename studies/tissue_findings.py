@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.measure.decomposition import decompose
 from ngfsi.output.stored import StoredRun
 from ngfsi.study import Outcome
 from ngfsi.units import from_si
@@ -36,9 +37,7 @@ class Moment:
         loss_unloaded: share lost of the volume of the shape without any load.
         sawss: wall shear stress, mean over the wall [Pa].
         sawss_ratio: SAWSS over that at t = 0.
-        by_area: ratio that the smaller area alone would give in developed flow, A^(-3/2).
-        by_flow: factor on top of it from the blood that the vein expels itself, in developed flow.
-        by_profile: factor on top of both from the velocity profile, which has no time to develop.
+        parts: SAWSS [Pa] by cause (see ngfsi/measure/decomposition.py).
         pressures: hydrostatic pressure [Pa] by where it is read: tissue_side, wall_side, wall_mean.
     """
 
@@ -48,9 +47,7 @@ class Moment:
     loss_unloaded: float
     sawss: float
     sawss_ratio: float
-    by_area: float
-    by_flow: float
-    by_profile: float
+    parts: dict[str, float]
     pressures: dict[str, float]
 
     @property
@@ -128,20 +125,16 @@ def _period(times: Array, flows: Array) -> float | None:
 
 def _moment(run: StoredRun, row: int) -> Moment:
     series = run.series
-    volume, sawss, developed = (series[c] for c in ("lumen_volume_m3", "sawss_Pa", "sawss_poiseuille_local_Pa"))
+    volume, sawss = series["lumen_volume_m3"], series["sawss_Pa"]
     left = volume[row] / volume[0]
-    ratio, developed_ratio = sawss[row] / sawss[0], developed[row] / developed[0]
-    by_area = left**-1.5
     return Moment(
         time=float(series["time_s"][row]),
         skin_pressure=float(series["skin_pressure_Pa"][row]),
         loss=float(1 - left),
         loss_unloaded=float(1 - volume[row] / run.manifest["reference"]["lumen_volume_m3"]),
         sawss=float(sawss[row]),
-        sawss_ratio=float(ratio),
-        by_area=float(by_area),
-        by_flow=float(developed_ratio / by_area),
-        by_profile=float(ratio / developed_ratio),
+        sawss_ratio=float(sawss[row] / sawss[0]),
+        parts={cause: float(values[row]) for cause, values in decompose(series).items()},
         pressures={where: float(series[f"p_{where}_Pa"][row]) for where in HYDROSTATIC},
     )
 

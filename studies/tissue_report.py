@@ -173,16 +173,17 @@ def _lumen_reasons(findings: Mapping[str, Finding]) -> list[str]:
 
 def _shear_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float]) -> list[str]:
     lines = [
-        "2. **SAWSS.** Its ratio to the state at t = 0 is a product of three factors: the smaller area at constant "
-        "flow (A^(-3/2)), the blood that the shrinking vein expels itself, and the velocity profile, which has no "
-        "time to develop within the ramp."
+        "2. **SAWSS.** Its rise since t = 0 is a sum: narrowing (developed flow of the inlet in the sections as they "
+        "are), squeeze flow (the blood that the shrinking vein expels itself), shape (sections that are no circles) "
+        "and profile (it has no time to develop within the ramp, nor length at the ends)."
     ]
     for finding in findings.values():
         now, end = finding.ramp_end, finding.end
         after = f"; {end.sawss_ratio:.2f} at {end.time:.3g} s" if finding.held else ""
         lines.append(
-            f"   - {finding.title}: {now.by_area:.2f} x {now.by_flow:.2f} x {now.by_profile:.2f} = "
-            f"{now.sawss_ratio:.2f} at {now.time:.3g} s{after}."
+            f"   - {finding.title}, in Pa: "
+            + " + ".join(f"{value:.4f} ({cause})" for cause, value in now.parts.items())
+            + f" = {now.sawss:.4f} at {now.time:.3g} s, {now.sawss_ratio:.2f} times that at t = 0{after}."
         )
     lines += _swing(findings)
     lines.append(

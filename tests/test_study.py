@@ -195,8 +195,11 @@ def test_findings(tmp_path: Path) -> None:
     assert finding.inflation == pytest.approx(INFLATION - 1)
     assert now.loss_unloaded == pytest.approx(1 - INFLATION * 0.81)
     # the fake's SAWSS is that of developed flow of constant rate times 1.5 during the ramp, 1.3 of it by flow
-    assert now.by_area == pytest.approx(0.9**-3)
-    assert (now.by_flow, now.by_profile) == (pytest.approx(1.3), pytest.approx(1.5 / 1.3))
+    start = now.sawss / now.sawss_ratio
+    expected = {"at t = 0": 1.0, "narrowing": 0.9**-3 - 1, "squeeze flow": 0.3 * 0.9**-3, "shape": 0.05 * 0.9**-3,
+                "profile": 0.15 * 0.9**-3}  # fmt: skip
+    assert now.parts == pytest.approx({cause: start * value for cause, value in expected.items()})
+    assert sum(now.parts.values()) == pytest.approx(now.sawss)
     assert now.rise == pytest.approx(100 * (0.9**-3 * 1.5 - 1))
     assert finding.end.rise == pytest.approx(100 * (0.9**-3 - 1))
     assert finding.mean_rise == pytest.approx(100 * (1.5 * (1 - 0.19 * 0.8) ** -1.5 - 1), rel=0.01)

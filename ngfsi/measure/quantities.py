@@ -6,9 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.sections import STATIONS
+from ngfsi.measure.shape import Shape
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,16 @@ def _reynolds(probe: Probe) -> float:
     return float(np.max(blood.density * flows / areas * diameters / blood.viscosity))
 
 
+def _developed(probe: Probe, flows: NDArray[np.float64], shape: Shape | None = None) -> float:
+    """Return the SAWSS (Pa) of developed flow: 4 mu Q / (pi R^3), and for ellipses tau perimeter = G area with the
+    pressure gradient G = 4 mu Q (a^2 + b^2) / (pi a^3 b^3)."""
+    sections, viscosity = probe.sections, probe.system.blood.viscosity
+    if shape is None:
+        return sections.mean_over_wall(4 * viscosity * np.abs(flows) / (np.pi * (sections.areas / np.pi) ** 1.5))
+    a, b = shape.major, shape.minor
+    return sections.mean_over_wall(4 * viscosity * np.abs(flows) * (a**2 + b**2) / (a**2 * b**2 * shape.perimeter))
+
+
 def _inflow(probe: Probe) -> float:
     return -probe.integral("flux inlet")
 
@@ -51,6 +63,15 @@ def _station(index: int) -> Quantity:
         "m2",
         f"lumen area at station {index} of 0 (inlet) to {STATIONS - 1} (outlet)",
         lambda probe: float(probe.sections.areas[index]),
+    )
+
+
+def _shear(index: int) -> Quantity:
+    return Quantity(
+        f"wss_z{index:02d}",
+        "Pa",
+        f"wall shear stress, mean around station {index}",
+        lambda probe: float(probe.sections.shears[index]),
     )
 
 
@@ -77,11 +98,31 @@ QUANTITIES: tuple[Quantity, ...] = (
     Quantity("sawss", "Pa", "wall shear stress, mean over the deformed wall", lambda p: p.shear.mean),
     Quantity("wss_min", "Pa", "smallest wall shear stress", lambda p: p.shear.smallest),
     Quantity("wss_max", "Pa", "largest wall shear stress", lambda p: p.shear.largest),
+    Quantity("wss_low_area", "1", "share of the wall's area with low wall shear stress", lambda p: p.shear.low),
+    *(_shear(index) for index in range(STATIONS)),
+    Quantity(
+        "sawss_consistent",
+        "Pa",
+        "SAWSS from the balance of momentum instead of the gradient of the velocity",
+        lambda p: p.consistent_shear.mean,
+    ),
+    Quantity(
+        "sawss_poiseuille_inlet",
+        "Pa",
+        "SAWSS of developed flow with the same local area and the flow of the inlet",
+        lambda p: _developed(p, np.full_like(p.sections.areas, _inflow(p))),
+    ),
     Quantity(
         "sawss_poiseuille_local",
         "Pa",
         "SAWSS of developed flow with the same local area and flow",
-        lambda p: p.sections.poiseuille_sawss(_inflow(p), p.system.blood.viscosity),
+        lambda p: _developed(p, p.sections.local_flows(_inflow(p))),
+    ),
+    Quantity(
+        "sawss_ellipse_local",
+        "Pa",
+        "SAWSS of developed flow in ellipses with the same local area, axes and flow",
+        lambda p: _developed(p, p.sections.local_flows(_inflow(p)), Shape.of(p.sections)),
     ),
     Quantity(
         "p_tissue_side",

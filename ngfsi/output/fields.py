@@ -7,7 +7,7 @@ regions; the cell field `region` numbers the regions in the order of the field d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -25,6 +25,10 @@ FOLDER = "fields"
 GRIDS, INDEX, NUMBERED = ("volume", "wall"), "{}.pvd", "{}_{:04d}.vtu"
 DISPLACEMENT = "displacement_m"
 REGION = "region"
+STRESS, DEFORMATION = "stress_Pa", "deformation_gradient_1"
+TENSORS = (STRESS, DEFORMATION)
+"""Tensors of the solids, of which the invariants are written: hydrostatic pressure -tr(sigma)/3, and principal stresses
+and stretches, the largest first."""
 CELL_ORDER = 2
 """Higher ones make files large without being seen, and hardly any program but ParaView reads them."""
 
@@ -40,7 +44,7 @@ class FieldWriter:
     """Writes the fields of a run into its folder.
 
     Attributes:
-        times: of the stored fields [s].
+        times: of the stored fields [s], by kind of grid.
     """
 
     def __init__(
@@ -60,32 +64,52 @@ class FieldWriter:
         if DISPLACEMENT not in volume_fields:
             raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
         self.folder = folder
-        self._mesh, self._names, self._coefficients = domain.mesh, list(volume_fields), list(volume_fields.values())
+        self._mesh, self._names = domain.mesh, list(volume_fields)
+        # laws are costly to evaluate point by point, as VTK output does: elementwise projections take a 200th of it
+        space = ng.L2(domain.mesh, order=CELL_ORDER, dim=9)
+        self._projected = {
+            name: (ng.GridFunction(space), volume_fields[name]) for name in TENSORS if name in volume_fields
+        }
+        shown = volume_fields | {name: projection for name, (projection, _) in self._projected.items()}
+        self._coefficients = [shown[name] for name in self._names]
         regions = list(domain.regions)
         self._regions = regions
         self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
-        self.times = [time for time in read_index(folder / INDEX.format("volume")) if time <= until]
+        self.times = {
+            name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in GRIDS
+        }
         self._forget_later_ones()
 
-    def write(self, time: float, wall: WallSample) -> None:
-        """Store the present fields and the sampled wall as those of `time` [s].
+    def write(self, time: float) -> None:
+        """Store the present fields as those of `time` [s].
 
         Raises:
             OutputError: the files cannot be written.
         """
-        number = len(self.times)
-        self.times.append(time)
+        self._store("volume", time, self._volume)
+
+    def write_wall(self, time: float, wall: WallSample) -> None:
+        """Store the sampled wall as that of `time` [s].
+
+        Raises:
+            OutputError: the files cannot be written.
+        """
+        self._store("wall", time, lambda: wall_grid(wall))
+
+    def _store(self, name: str, time: float, make: Callable[[], pv.UnstructuredGrid]) -> None:
+        number = len(self.times[name])
+        self.times[name].append(time)
         with explained(self.folder / FOLDER):
             (self.folder / FOLDER).mkdir(exist_ok=True)
-            for name, grid in zip(GRIDS, (self._volume(), wall_grid(wall)), strict=True):
-                self._save(grid, self.folder / FOLDER / NUMBERED.format(name, number))
-                self._list(name)
+            self._save(make(), self.folder / FOLDER / NUMBERED.format(name, number))
+            self._list(name)
 
     def _list(self, name: str) -> None:
-        write_index(self.folder / INDEX.format(name), [f"{FOLDER}/{file}" for file in self._files(name)], self.times)
+        files = [f"{FOLDER}/{file}" for file in self._files(name)]
+        write_index(self.folder / INDEX.format(name), files, self.times[name])
 
     def _files(self, name: str) -> list[str]:
-        return [NUMBERED.format(name, number) for number in range(len(self.times))]
+        return [NUMBERED.format(name, number) for number in range(len(self.times[name]))]
 
     def _forget_later_ones(self) -> None:
         kept = {file for name in GRIDS for file in self._files(name)}
@@ -98,6 +122,8 @@ class FieldWriter:
                     path.unlink()
 
     def _volume(self) -> pv.UnstructuredGrid:
+        for projection, field in self._projected.values():
+            projection.Set(field)
         raw = self.folder / FOLDER / "unfinished"
         ng.VTKOutput(
             self._mesh,
@@ -112,6 +138,7 @@ class FieldWriter:
         written.unlink()
         _orient(grid)
         grid.points += grid.point_data[DISPLACEMENT]
+        _take_invariants(grid)
         grid.cell_data[REGION] = self._cell_regions
         grid.field_data["regions"] = self._regions
         return grid
@@ -132,12 +159,25 @@ def _orient(grid: pv.UnstructuredGrid) -> None:
         nodes[first[:, None] + np.arange(len(order))] = nodes[first[:, None] + order]
 
 
+def _take_invariants(grid: pv.UnstructuredGrid) -> None:
+    """Replace the tensors of the solids, if there are any, by what people look at."""
+    if STRESS in grid.point_data:
+        stress = np.asarray(grid.point_data.pop(STRESS)).reshape(-1, 3, 3)
+        grid.point_data["hydrostatic_pressure_Pa"] = -np.trace(stress, axis1=1, axis2=2) / 3
+        grid.point_data["principal_stresses_Pa"] = np.linalg.eigvalsh(stress)[:, ::-1]
+    if DEFORMATION in grid.point_data:
+        gradient = np.asarray(grid.point_data.pop(DEFORMATION)).reshape(-1, 3, 3)
+        grid.point_data["principal_stretches_1"] = np.linalg.svd(gradient, compute_uv=False)
+
+
 def wall_grid(wall: WallSample) -> pv.UnstructuredGrid:
     """Return the sampled wall as linear quadrilaterals with wall shear stress and pressure."""
     quads = np.column_stack([np.full(len(wall.quads), 4), wall.quads])
     types = np.full(len(wall.quads), pv.CellType.QUAD)
     grid = pv.UnstructuredGrid(quads.ravel(), types, wall.points.astype(np.float32))
     grid.point_data["wall_shear_Pa"] = wall.shear.astype(np.float32)
+    grid.point_data["wall_shear_axial_Pa"] = wall.tangential[:, 0].astype(np.float32)
+    grid.point_data["wall_shear_circumferential_Pa"] = wall.tangential[:, 1].astype(np.float32)
     grid.point_data["wall_shear_magnitude_Pa"] = np.linalg.norm(wall.shear, axis=1).astype(np.float32)
     grid.point_data["pressure_Pa"] = wall.pressure.astype(np.float32)
     return grid

@@ -176,6 +176,34 @@ def stacked_bars(parts: Mapping[str, Mapping[str, float]], unit: str, path: Path
     figure.savefig(path)
 
 
+def stacked_series(panels: Mapping[str, tuple[Array, Mapping[str, Array]]], total: str, label: str, path: Path) -> None:
+    """Draw parts over time one on the other, those below zero downwards, with their sum as a line; a panel per title.
+
+    Args:
+        panels: title -> times [s] and part -> values.
+        total: what the sum is.
+        label: of the vertical axis, with the unit.
+        path: file to write; its suffix says the format.
+    """
+    figure, spaces, _ = _panels(len(panels), 3, (4.6, 3.8), (0.0, 0.5))
+    for panel, (title, (times, parts)) in zip(spaces, panels.items(), strict=False):
+        above, below = np.zeros_like(times), np.zeros_like(times)
+        for colour, (part, values) in zip([QUIET, *COLOURS], parts.items(), strict=False):
+            for floor, share, name in ((above, np.maximum(values, 0), part), (below, np.minimum(values, 0), None)):
+                panel.fill_between(times, floor, floor + share, color=colour, alpha=0.75, linewidth=0, label=name)
+                floor += share
+        panel.plot(times, above + below, color="black", linewidth=1.6, label=total)
+        panel.set_title(title, fontsize=10)
+        panel.set_xlabel("time [s]")
+        panel.margins(x=0)
+    spaces[0].set_ylabel(label)
+    low, high = (f(panel.get_ylim()[i] for panel in spaces[: len(panels)]) for i, f in ((0, min), (1, max)))
+    for panel in spaces[: len(panels)]:
+        panel.set_ylim(low, high)
+    _legend_below(figure, spaces[0])
+    figure.savefig(path)
+
+
 def _outline_panel(panel: Axes, group: Group, times: tuple[float, float]) -> None:
     before, after = (_middle_ring(group.run, time) for time in times)
     for (time, ring), colour in ((before, QUIET), (after, group.colour)):

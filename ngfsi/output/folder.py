@@ -5,6 +5,7 @@
     series.csv      one row of quantities per step, SI units in the column names, `_1` for pure numbers
     costs.csv       iterations, factorisations and seconds of each step: what differs between two equal runs
     outlines.csv    cross-sections of the deformed lumen
+    shape.csv       their area, perimeter, axes ... perpendicular to the vein (see measure/shape.py)
     volume.pvd, wall.pvd, fields/   fields for ParaView (see fields.py)
     run.log         what happened, with the seconds since the start
     checkpoints/    from which `ngfsi resume` goes on (see checkpoint.py), until the run is complete
@@ -31,7 +32,7 @@ from ngfsi.output.provenance import commit, machine, now, versions
 from ngfsi.output.table import TableWriter
 
 CASE, MANIFEST, LOG = "case.toml", "manifest.json", "run.log"
-SERIES, COSTS, OUTLINES = "series.csv", "costs.csv", "outlines.csv"
+SERIES, COSTS, OUTLINES, SHAPE = "series.csv", "costs.csv", "outlines.csv", "shape.csv"
 CHECKPOINTS, STOP = "checkpoints", "STOP"
 
 Status = Literal["running", "completed", "failed", "interrupted"]
@@ -52,6 +53,7 @@ class RunFolder:
         self._series = TableWriter(path / SERIES)
         self._costs = TableWriter(path / COSTS)
         self._outlines = TableWriter(path / OUTLINES)
+        self._shape = TableWriter(path / SHAPE)
 
     @classmethod
     def create(cls, path: Path, case: Case) -> Self:
@@ -86,9 +88,9 @@ class RunFolder:
         (path / STOP).unlink(missing_ok=True)
         if until is None:
             folder._begin(case)
-        tables = (path / SERIES, path / COSTS, path / OUTLINES)
+        tables = (path / name for name in (SERIES, COSTS, OUTLINES, SHAPE))
         cut = [TableWriter.continued(table, -np.inf if until is None else until) for table in tables]
-        folder._series, folder._costs, folder._outlines = cut
+        folder._series, folder._costs, folder._outlines, folder._shape = cut
         again = {"at": now(), "from_s": until, "versions": versions(), "commit": commit()}
         folder.update_manifest(status="running", reason="", resumed=[*folder._manifest.get("resumed", []), again])
         return folder
@@ -116,6 +118,10 @@ class RunFolder:
         for (station, point), (x, y, z) in zip(np.ndindex(rings.shape[:2]), rings.reshape(-1, 3), strict=True):
             rows.append({"time_s": time, "station": station, "point": point, "x_m": x, "y_m": y, "z_m": z})
         self._outlines.append(*rows)
+
+    def record_shape(self, rows: list[dict[str, float]]) -> None:
+        """Append the shapes of cross-sections at one time to shape.csv."""
+        self._shape.append(*rows)
 
     def log(self, text: str) -> None:
         """Append a line to run.log, with the seconds since the start."""

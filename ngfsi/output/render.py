@@ -21,9 +21,11 @@ import pyvista as pv
 from matplotlib import pyplot as plt
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
+from PIL import Image
 
 from ngfsi.output.fields import DISPLACEMENT, REGION
 from ngfsi.output.stored import StoredRun, open_run
+from ngfsi.units import from_si
 
 TIMEOUT = 180.0
 NO_OPENGL = (
@@ -33,6 +35,9 @@ NO_OPENGL = (
 OPENGL_WORKS = "OpenGL works"
 """What the child says before it draws."""
 
+FRAMES, FRAME_MS = 60, 80
+"""Of an animation: at most so many, each shown so long."""
+SHEAR = "wall_shear_magnitude_Pa"
 WIDTH = 1500
 """Pixels across a picture."""
 BONE, BLOOD, COLOURS = "#efe6d2", "#b5322f", "viridis"
@@ -47,7 +52,7 @@ SHADED: dict[str, Any] = {
 class Request:
     """A picture: what to draw of which runs (title -> folder) at which times [s], and where to put it."""
 
-    kind: Literal["displacement", "wall_shear"]
+    kind: Literal["displacement", "wall_shear", "animation"]
     runs: dict[str, str]
     times: list[float]
     path: str
@@ -71,6 +76,19 @@ def wall_shear_picture(runs: Mapping[str, StoredRun], times: Sequence[float], pa
     """
     folders = {title: str(run.path) for title, run in runs.items()}
     return _in_child(Request("wall_shear", folders, list(times), str(path)))
+
+
+def animation(run: StoredRun, path: Path) -> str:
+    """Draw a GIF of the deforming vein with its wall shear stress, a frame for each stored wall, at most `FRAMES`.
+
+    Returns:
+        Why there is no animation; empty when there is one.
+    """
+    times = run.field_times("wall")
+    if not times:
+        return f"the run in '{run.path}' holds no fields of the wall yet"
+    chosen = [times[i] for i in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int))]
+    return _in_child(Request("animation", {run.case.name: str(run.path)}, chosen, str(path)))
 
 
 def _in_child(request: Request) -> str:
@@ -98,8 +116,8 @@ def main(file: Path) -> None:
     probe.screenshot()
     print(OPENGL_WORKS, flush=True)
     runs = {title: open_run(folder) for title, folder in request.runs.items()}
-    draw = {"displacement": _draw_displacement, "wall_shear": _draw_wall_shear}[request.kind]
-    draw(runs, request.times, request.path)
+    draw = {"displacement": _draw_displacement, "wall_shear": _draw_wall_shear, "animation": _draw_animation}
+    draw[request.kind](runs, request.times, request.path)
 
 
 def _draw_displacement(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
@@ -145,19 +163,41 @@ def _draw_wall_shear(runs: Mapping[str, StoredRun], times: Sequence[float], path
         for title, run in runs.items()
         for time in times
     }
-    shear = "wall_shear_magnitude_Pa"
-    low, high = np.percentile(np.concatenate([wall[shear] for wall in walls.values()]), [1, 99])
+    low, high = np.percentile(np.concatenate([wall[SHEAR] for wall in walls.values()]), [1, 99])
     width, length = (max(float(np.ptp(w.bounds[2 * i : 2 * i + 2])) for w in walls.values()) for i in (0, 2))
     images = {}
     for title, wall in walls.items():
         plotter = _plotter(WIDTH, round(WIDTH * width / length * 1.1))
-        plotter.add_mesh(wall, scalars=shear, clim=(low, high), **SHADED)
+        plotter.add_mesh(wall, scalars=SHEAR, clim=(low, high), **SHADED)
         plotter.enable_parallel_projection()
         plotter.camera_position = [np.add(wall.center, (0, length, 0)), wall.center, (1, 0, 0)]
         plotter.camera.parallel_scale = width * 0.52
         images[title] = plotter.screenshot(return_img=True)
     note = "deformed inner wall of the vein from the front, all to the same scale; blood flows from left to right"
     _compose(images, path, columns=1, limits=(low, high), label="wall shear stress [Pa]", note=note)
+
+
+def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
+    (run,) = runs.values()
+    walls = [run.fields(time, "wall").clean(tolerance=1e-7) for time in times]
+    high = float(np.percentile(np.concatenate([wall[SHEAR] for wall in walls]), 99))
+    start = walls[0]
+    width, length = (float(np.ptp(start.bounds[2 * i : 2 * i + 2])) for i in (0, 2))
+    frames = []
+    for time, wall in zip(times, walls, strict=True):
+        plotter = _plotter(WIDTH // 2, WIDTH // 6)
+        bar = {"title": "wall shear stress [Pa]", "color": "black", "position_y": 0.04, "height": 0.12, "n_labels": 3}
+        plotter.add_mesh(wall, scalars=SHEAR, clim=(0.0, high), **SHADED | {"show_scalar_bar": True},
+                         scalar_bar_args=bar)  # fmt: skip
+        pressure = from_si(run.case.loads.skin_pressure(time), "mmHg")
+        plotter.add_text(f"t = {time:.2f} s, {pressure:.1f} mmHg on the skin", font_size=9, color="black")
+        plotter.enable_parallel_projection()
+        # the camera stands still, so that the vein is seen to move
+        plotter.camera_position = [np.add(start.center, (0, length, 0)), start.center, (1, 0, 0)]
+        plotter.camera.parallel_scale = max(1.1 * width, 0.53 * length / 3)  # frames are three times as wide as high
+        frames.append(Image.fromarray(plotter.screenshot(return_img=True)))
+        plotter.close()
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0)
 
 
 def _plotter(width: int, height: int) -> Any:

@@ -52,16 +52,19 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
         seconds={"mesh": 0.5, "steps": 6.0},
     )
     displacement = ng.GridFunction(ng.VectorH1(domain().mesh, order=2))
-    writer = FieldWriter(path, domain(), {"displacement_m": displacement, "pressure_Pa": ng.CF(1333.0)})
+    writer = FieldWriter(path, domain(), {"displacement_m": displacement, "pressure_Pa": ng.CF(1333.0),
+                                            "hydrostatic_pressure_Pa": 1e5 * ng.x})  # fmt: skip
     for number, time in enumerate(np.arange(0, case.time.end + 1e-9, case.time.step)):
         stretch = np.sqrt(INFLATION * (1 - loss * min(time, 1.0)))
         folder.record(_row(case, time, stretch))
         folder.record_outlines(time, _rings(stretch))
+        folder.record_shape(_shape(time, stretch))
         if number:
             folder.record_cost({"step": number, "time_s": time, "iterations": 4, "factorisations": 1, "wall_s": 0.5})
+        writer.write_wall(time, wall_sample(stretch))
         if number == 0 or time >= case.time.end - 1e-9:
             displacement.Set(_contraction(stretch))
-            writer.write(time, wall_sample(stretch))
+            writer.write(time)
     folder.finish(status, "" if status == "completed" else "the step at 1.5 s did not converge")  # type: ignore[arg-type]
     return open_run(path)
 
@@ -80,7 +83,9 @@ def _row(case: Case, time: float, stretch: float) -> dict[str, float]:
         "lumen_volume_m3": area * GEOMETRY.length,
         "lumen_area_mean_m2": area,
         "sawss_Pa": sawss * (1.5 if 0 < time <= 1 else 1.0),
+        "sawss_poiseuille_inlet_Pa": sawss,
         "sawss_poiseuille_local_Pa": sawss * (1.3 if 0 < time <= 1 else 1.0),
+        "sawss_ellipse_local_Pa": sawss * (1.35 if 0 < time <= 1 else 1.0),
         "wss_min_Pa": 0.5 * sawss,
         "wss_max_Pa": 2 * sawss,
         "p_tissue_side_Pa": 3000.0 * time,
@@ -97,6 +102,14 @@ def _rings(stretch: float) -> NDArray[np.float64]:
     radius = GEOMETRY.lumen_radius * stretch
     ring = np.column_stack([x0 + 1.05 * radius * np.cos(angles), y0 + radius / 1.05 * np.sin(angles), 0 * angles])
     return np.array([np.add(ring, (0, 0, z)) for z in np.linspace(0, GEOMETRY.length, 11)])
+
+
+def _shape(time: float, stretch: float) -> list[dict[str, float]]:
+    radius = GEOMETRY.lumen_radius * stretch
+    return [
+        {"time_s": time, "station": i, "centre_z_m": z, "area_m2": np.pi * radius**2, "circularity_1": 0.99}
+        for i, z in enumerate(np.linspace(0, GEOMETRY.length, 11))
+    ]
 
 
 def _contraction(stretch: float) -> ng.CF:
@@ -116,4 +129,4 @@ def wall_sample(stretch: float) -> WallSample:
     quads = np.column_stack([first, first + 1, first + around + 1, first + around])
     shear = np.zeros_like(points)
     shear[:, 2] = 0.08 / stretch**3 * (1 + 0.3 * z.ravel() / GEOMETRY.length)
-    return WallSample(points, quads, shear, np.full(len(points), 1333.0))
+    return WallSample(points, quads, shear, np.full(len(points), 1333.0), shear[:, [2, 0]])

@@ -8,10 +8,11 @@ from typing import Any
 
 import matplotlib.image
 import numpy as np
+import PIL.Image
 import pytest
 
 from ngfsi.output import render
-from ngfsi.output.render import displacement_picture, wall_shear_picture
+from ngfsi.output.render import animation, displacement_picture, wall_shear_picture
 from ngfsi.output.stored import StoredRun
 
 
@@ -52,3 +53,20 @@ def test_a_child_that_fails(
 def test_a_child_that_hangs(stored: StoredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(render, "TIMEOUT", 0.05)
     assert "took longer than 0.05 s" in wall_shear_picture({"M": stored}, [0.0], tmp_path / "wall.png")
+
+
+def test_animation(stored: StoredRun, tmp_path: Path) -> None:
+    """A frame for each stored wall: the vein narrows under a camera that stands still."""
+    failure = animation(stored, tmp_path / "vein.gif")
+    if failure.startswith("3-D pictures need OpenGL"):
+        pytest.skip(failure)
+    assert failure == ""
+    film = PIL.Image.open(tmp_path / "vein.gif")
+    assert film.n_frames == len(stored.field_times("wall"))
+    heights = []
+    for number in (0, 4):  # 0 and 1 s; below the title, above the bar
+        film.seek(number)
+        picture = np.asarray(film.convert("RGB")).astype(float)[60:190]
+        column = np.ptp(picture[:, picture.shape[1] // 2], axis=-1) > 30
+        heights.append(column.sum())
+    assert heights[1] / heights[0] == pytest.approx(np.sqrt(0.75), abs=0.06)

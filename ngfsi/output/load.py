@@ -1,0 +1,82 @@
+"""Transmission of the load from the skin to the vein: pressure of the tissue around the vein's wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.errors import OutputError
+from ngfsi.output.fields import DISPLACEMENT, REGION
+from ngfsi.output.stored import Columns, StoredRun
+
+Array = NDArray[np.float64]
+
+NEAR_WALL = 0.02
+"""Nodes this close to the wall's outer face (share of its radius) lie on it: curved cells of second order leave it by
+less."""
+ANGLES = 24
+PRESSURE = "hydrostatic_pressure_Pa"
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The tissue at the outer face of the vein's wall, at the nodes of its cells there.
+
+    Attributes:
+        angle: rad from x, of the reference shape, -pi to pi.
+        height: position along the vein in the reference shape, m.
+        pressure: hydrostatic, -tr(sigma)/3, compression positive, Pa.
+    """
+
+    angle: Array
+    height: Array
+    pressure: Array
+
+    @classmethod
+    def of(cls, run: StoredRun, time: float) -> Surroundings:
+        """Return what is stored nearest to `time` (s).
+
+        Raises:
+            OutputError: the run holds no hydrostatic pressure.
+        """
+        grid, geometry = run.fields(time), run.case.geometry
+        if PRESSURE not in grid.point_data:
+            raise OutputError(f"the run in '{run.path}' holds no hydrostatic pressure: compute it again")
+        tissue = [str(name) for name in grid.field_data["regions"]].index("tissue")
+        part = grid.extract_cells(np.flatnonzero(grid.cell_data[REGION] == tissue))
+        place = np.asarray(part.points - part.point_data[DISPLACEMENT], dtype=float)
+        x, y = (place[:, i] - geometry.vein_centre[i] for i in range(2))
+        radius = geometry.lumen_radius + geometry.wall_thickness
+        there = np.abs(np.hypot(x, y) / radius - 1) < NEAR_WALL
+        return cls(
+            np.arctan2(y, x)[there],
+            place[there, 2],
+            np.asarray(part.point_data[PRESSURE], dtype=float)[there],
+        )
+
+    def by_angle(self) -> tuple[Array, Array]:
+        """Return the middles of even sectors (rad) and the mean pressure (Pa) in each, NaN where no node is."""
+        return _means(self.angle, self.pressure, np.linspace(-np.pi, np.pi, ANGLES + 1))
+
+    def by_station(self, stations: int) -> tuple[Array, Array]:
+        """Return the middles of even parts of the length (m) and the mean pressure (Pa) in each."""
+        edges = np.linspace(self.height.min(), self.height.max(), stations + 1)
+        return _means(self.height, self.pressure, edges)
+
+
+def transmission(series: Columns) -> Array:
+    """Return the pressure transmission factor over time: rise of the tissue's pressure at the vein's wall since t = 0,
+    mean over its area, over that of the skin's; NaN while the skin's has not changed."""
+    rise = series["skin_pressure_Pa"] - series["skin_pressure_Pa"][0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = (series["p_tissue_side_Pa"] - series["p_tissue_side_Pa"][0]) / rise
+    return np.where(rise == 0, np.nan, factor)
+
+
+def _means(places: Array, values: Array, edges: Array) -> tuple[Array, Array]:
+    part = np.clip(np.searchsorted(edges, places, side="right") - 1, 0, len(edges) - 2)
+    counts, sums = (np.bincount(part, weights, len(edges) - 1) for weights in (None, values))
+    with np.errstate(invalid="ignore"):
+        return (edges[1:] + edges[:-1]) / 2, sums / counts

@@ -1,0 +1,292 @@
+"""The report of one run or several compared: a single HTML file that needs no network, with interactive charts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from plotly.offline import get_plotlyjs
+
+from ngfsi.errors import NgfsiError, OutputError
+from ngfsi.measure.decomposition import STAGES, decompose
+from ngfsi.output import charts
+from ngfsi.output.charts import Runs
+from ngfsi.output.disk import explained
+from ngfsi.output.load import transmission
+from ngfsi.output.stored import SAME_TIME, StoredRun, open_run
+from ngfsi.units import from_si
+
+REFERENCES = (
+    "Y. Wang, PhD thesis on the effect of external compression on the deep veins of the calf (supervisor X. Y. Xu); "
+    "Wang et al., Med Eng Phys (2011).",
+    "He and Ku, J Biomech Eng 118 (1996) 74: oscillatory shear index. Himburg et al., Ann Biomed Eng 32 (2004) 410: "
+    "relative residence time.",
+    "Melbo and Kvamsdal, CMAME 192 (2003) 613: tractions from the balance of momentum.",
+    "Schöberl, C++11 implementation of finite elements in NGSolve (2014); NETGEN, Comput Visual Sci 1 (1997) 41.",
+)
+STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;margin:0 auto;max-width:1200px;padding:1.5rem;color:#1a1a1a}
+h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.2rem;border-bottom:1px solid #ccc}
+table{border-collapse:collapse;margin:.6rem 0}td,th{padding:.2rem .8rem;text-align:right;border-bottom:1px solid #ddd}
+td:first-child,th:first-child{text-align:left}tr.differs{background:#fff3d6}p.note{color:#555;max-width:60rem}
+.bad{color:#b00000;font-weight:600}
+"""
+
+
+def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any] | None = None) -> Path:
+    """Write the report of stored runs and return its path.
+
+    Args:
+        folders: of the runs.
+        destination: HTML file to write.
+        claims: printed numbers to hold the runs against, by claim and law (M, N), as in studies/source_claims.toml.
+
+    Raises:
+        OutputError: a folder holds no run, or no step of one, or the file cannot be written.
+    """
+    runs = _named(folders)
+    for title, run in runs.items():
+        if not len(run.series.get("time_s", ())):
+            raise OutputError(f"the run '{title}' in '{run.path}' holds no step yet: nothing can be reported of it")
+    sections = [
+        _headline(runs),
+        _setup(runs),
+        *_charts(runs),
+        _claims(runs, claims or {}),
+        _costs(runs),
+        _sources(runs),
+    ]
+    title = "ngfsi: " + ", ".join(runs)
+    text = (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        f"<style>{STYLE}</style><script>{get_plotlyjs()}</script></head><body><h1>{escape(title)}</h1>"
+        + "\n".join(sections)
+        + "</body></html>"
+    )
+    with explained(destination):
+        destination.parent.mkdir(parents=True, exist_ok=True)
+        destination.write_text(text, encoding="utf-8")
+    return destination
+
+
+def _named(folders: Sequence[Path]) -> dict[str, StoredRun]:
+    """Return the runs by the name of their case, or of their folder where cases are named alike."""
+    opened = [open_run(folder) for folder in folders]
+    names = [run.case.name for run in opened]
+    if len(set(names)) < len(names):
+        names = [str(run.path) for run in opened]
+    return dict(zip(names, opened, strict=True))
+
+
+def _loaded(run: StoredRun) -> int:
+    """Return the row of the series when the last load has been reached, or the last row."""
+    times = run.series["time_s"]
+    end = max(run.case.loads.skin_pressure.breakpoints, default=0.0) or times[-1]
+    return int(np.searchsorted(times, end + SAME_TIME)) - 1
+
+
+def _headline(runs: Runs) -> str:
+    head = ["run", "time s", "skin mmHg", "volume lost %", "SAWSS Pa", "SAWSS / t = 0", "SAWSS by momentum balance Pa",
+            "mass defect / inflow", "low shear, % of wall"]  # fmt: skip
+    rows = []
+    for title, run in runs.items():
+        series, row = run.series, _loaded(run)
+        sawss, volume = series["sawss_Pa"], series["lumen_volume_m3"]
+        defect = np.max(np.abs(series["mass_defect_m3_s"])) / np.max(np.abs(series["flow_in_m3_s"]))
+        cells = [
+            f"{series['time_s'][row]:.3g}",
+            f"{from_si(series['skin_pressure_Pa'][row], 'mmHg'):.3g}",
+            f"<b>{100 * (1 - volume[row] / volume[0]):.1f}</b>",
+            f"{sawss[row]:.4f}",
+            f"<b>{sawss[row] / sawss[0]:.2f}</b>",
+            _optional(series, "sawss_consistent_Pa", row, lambda other: f"{other:.4f}"),
+            f"{defect:.1e}",
+            _optional(series, "wss_low_area_1", row, lambda share: f"{100 * share:.0f}"),
+        ]
+        rows.append([escape(title) + _ended(run), *cells])
+    note = (
+        "When the load on the skin has been reached. Volume and SAWSS (wall shear stress, mean over the deformed wall) "
+        "are held against the state at t = 0. SAWSS from the gradient of the velocity and from the balance of momentum "
+        "would be equal on an infinitely fine mesh: their difference is of the size of the error in space."
+    )
+    return f"<h2>Result</h2>{_table(head, rows)}{_note(note)}"
+
+
+def _optional(series: Mapping[str, Any], column: str, row: int, text: Callable[[float], str]) -> str:
+    return text(float(series[column][row])) if column in series else "-"
+
+
+def _ended(run: StoredRun) -> str:
+    if run.status == "completed":
+        return ""
+    return f' <span class="bad">{escape(run.status)}: {escape(str(run.manifest.get("reason", "")))}</span>'
+
+
+def _setup(runs: Runs) -> str:
+    """Return the cases, keys that differ first."""
+    flat = [_flat(run.case.to_toml_dict()) for run in runs.values()]
+    keys = list(dict.fromkeys(key for case in flat for key in case if key != "name"))
+    rows = {key: [case.get(key, "-") for case in flat] for key in keys}
+    differing = {key: values for key, values in rows.items() if len(set(values)) > 1}
+    same = {key: values[:1] for key, values in rows.items() if key not in differing}
+    shown = ""
+    if differing:
+        shown = _table(["key", *runs], [[escape(key), *map(escape, values)] for key, values in differing.items()],
+                       "differs")  # fmt: skip
+    elif len(runs) > 1:
+        shown = _note("The cases are equal.")
+    rest = _table(["key", "value"], [[escape(key), *map(escape, values)] for key, values in same.items()])
+    what = "What the cases have in common" if len(runs) > 1 else "The case"
+    return f"<h2>Setup</h2>{shown}<details><summary>{what}</summary>{rest}</details>"
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    found: dict[str, str] = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            found |= _flat(value, f"{prefix}{key}.")
+        else:
+            found[f"{prefix}{key}"] = f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
+    return found
+
+
+def _charts(runs: Runs) -> list[str]:
+    """Return the sections with charts; one that a run lacks the data for says so."""
+    quantity = _column
+    first: list[tuple[str, Callable[[], Any], str]] = [
+        ("Area of the lumen",
+         lambda: charts.over_time(runs, {"area": lambda r: 100 * quantity(r, "lumen_area_mean_m2")
+                                         / quantity(r, "lumen_area_mean_m2")[0]}, "mean area [% of t = 0]"), ""),
+        ("Wall shear stress",
+         lambda: charts.over_time(runs, {"computed": lambda r: quantity(r, "sawss_Pa"),
+                                         "developed flow": lambda r: quantity(r, "sawss_poiseuille_local_Pa")},
+                                  "SAWSS [Pa]", dashed=("developed flow",)),
+         "Dashed: developed flow in circles of the same local area, with the same local flow."),
+        ("Why it rises", lambda: charts.causes(runs), _causes_note(runs)),
+        ("Along the vein: area", lambda: charts.along_vein(runs, "area_z", "_m2", 1e6, "lumen area [mm²]"),
+         "Dotted: t = 0."),
+        ("Along the vein: wall shear stress",
+         lambda: charts.along_vein(runs, "wss_z", "_Pa", 1.0, "WSS, mean around [Pa]"), "Dotted: t = 0."),
+        ("Outline of the lumen at mid-length", lambda: charts.outlines(runs), "Grey: t = 0."),
+        ("Wall shear stress on the unrolled vein", lambda: charts.unrolled(runs), "At the last time."),
+        ("Hydrostatic pressure in the calf", lambda: charts.cut(runs),
+         "-tr(sigma)/3, compression positive, at mid-length at the last time; bones and lumen are left out."),
+        ("Pressure of the tissue around the vein", lambda: charts.around(runs), _transmission_note(runs)),
+    ]  # fmt: skip
+    for title, run in runs.items():
+        first.append((f"Vein in space: {title}", lambda run=run: charts.vein(run), "Drag to turn; wall shear stress."))  # type: ignore[misc]
+        first.append((f"Tissue in space: {title}", lambda run=run: charts.tissue(run),  # type: ignore[misc]
+                      "Lower half of the deformed segment, displacement."))  # fmt: skip
+    first += [
+        ("Flow balance",
+         lambda: charts.over_time(runs, {name: lambda r, c=column: 1e6 * quantity(r, c) for name, column in (  # type: ignore[misc]
+             ("inflow", "flow_in_m3_s"), ("outflow", "flow_out_m3_s"), ("rate of volume", "lumen_volume_rate_m3_s"))},
+             "flow [ml/s]", dashed=("inflow",)), "Inflow = outflow + rate of the lumen's volume."),
+        ("Pressure around the vein",
+         lambda: charts.over_time(runs, {"tissue side": lambda r: quantity(r, "p_tissue_side_Pa") / 1e3,
+                                         "skin": lambda r: quantity(r, "skin_pressure_Pa") / 1e3}, "pressure [kPa]",
+                                  dashed=("skin",)),
+         "Hydrostatic pressure of the tissue at the outer face of the vein's wall, and pressure on the skin."),
+    ]  # fmt: skip
+    return [_chart(*one) for one in first]
+
+
+def _column(run: StoredRun, name: str) -> Any:
+    return run.series[name]
+
+
+def _chart(title: str, make: Callable[[], Any], note: str) -> str:
+    try:
+        figure = make()
+    except (NgfsiError, KeyError) as error:
+        missing = error if isinstance(error, NgfsiError) else f"the run holds no {error}"
+        return f"<h2>{escape(title)}</h2>{_note(f'Not shown: {missing}')}"
+    name = "".join(c if c.isalnum() else "_" for c in title.lower())
+    config = {"displaylogo": False, "responsive": True, "toImageButtonOptions": {"format": "svg", "filename": name}}
+    body = figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=name)
+    return f"<h2>{escape(title)}</h2>{body}{_note(note) if note else ''}"
+
+
+def _causes_note(runs: Runs) -> str:
+    said = []
+    for title, run in runs.items():
+        if not set(STAGES.values()) <= set(run.series):
+            continue
+        row = _loaded(run)
+        parts = ", ".join(f"{cause} {values[row]:.4f}" for cause, values in decompose(run.series).items())
+        said.append(f"{title} at {run.series['time_s'][row]:.3g} s, in Pa: {parts}.")
+    return " ".join(said)
+
+
+def _transmission_note(runs: Runs) -> str:
+    said = ["Dotted: t = 0. Where a bone shields the vein, less arrives."]
+    for title, run in runs.items():
+        share = transmission(run.series)[_loaded(run)]
+        if np.isfinite(share):
+            said.append(f"{title}: {100 * share:.0f} % of the rise of the skin's pressure arrives at the wall.")
+    return " ".join(said)
+
+
+def _claims(runs: Runs, claims: Mapping[str, Any]) -> str:
+    """Return the printed numbers beside those of runs with the law they are of."""
+    rows = []
+    for title, run in runs.items():
+        law = {"mooney_rivlin": "M", "neo_hookean": "N"}.get(run.case.materials.law_of("tissue").law)
+        if law is None or not claims:
+            continue
+        row, series = _loaded(run), run.series
+        computed = {
+            "volume_reduction_percent": 100 * (1 - series["lumen_volume_m3"][row] / series["lumen_volume_m3"][0]),
+            "sawss_rise_percent": 100 * (series["sawss_Pa"][row] / series["sawss_Pa"][0] - 1),
+            "hydrostatic_pressure_kPa": series["p_wall_side_Pa"][row] / 1e3,
+        }
+        for key, value in computed.items():
+            if law in claims.get(key, {}):
+                printed = claims[key][law]
+                rows.append([escape(f"{title} ({law}): {key.replace('_', ' ')}"), f"{printed:g}", f"{value:.3g}",
+                             f"{value - printed:+.3g}"])  # fmt: skip
+    if not rows:
+        return ""
+    note = f"Printed by {claims.get('citation', 'the source')}; the pressure is computed on the wall's side."
+    return (
+        f"<h2>Held against the printed numbers</h2>{_table(['claim', 'printed', 'computed', 'gap'], rows)}{_note(note)}"
+    )
+
+
+def _costs(runs: Runs) -> str:
+    head = ["run", "unknowns", "elements", "steps", "iterations a step", "factorisations", "seconds", "MB", "solver"]
+    rows = []
+    for title, run in runs.items():
+        found, costs = run.manifest, run.costs
+        steps = len(costs.get("step", ()))
+        rows.append([
+            escape(title), f"{found.get('unknowns', '-')}", f"{found.get('mesh', {}).get('elements', '-')}", f"{steps}",
+            f"{costs['iterations'].mean():.1f}" if steps else "-", f"{found.get('factorisations', '-')}",
+            f"{found.get('elapsed_s', float('nan')):.0f}", f"{found.get('peak_memory_MB', float('nan')):.0f}",
+            escape(str(found.get("linear_solver", "-"))),
+        ])  # fmt: skip
+    return f"<h2>Costs</h2>{_table(head, rows)}"
+
+
+def _sources(runs: Runs) -> str:
+    used = dict.fromkeys(
+        f"{title}: " + ", ".join(f"{name} {version}" for name, version in run.manifest["versions"].items())
+        for title, run in runs.items()
+    )
+    items = "".join(f"<li>{escape(text)}</li>" for text in (*REFERENCES, *used))
+    return f"<h2>Sources</h2><ul>{items}</ul>"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], kind: str = "") -> str:
+    """Return a table; cells are HTML already."""
+    heads = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    lines = "".join(f'<tr class="{kind}">' + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table>"
+
+
+def _note(text: str) -> str:
+    return f'<p class="note">{escape(text)}</p>'

@@ -1,0 +1,34 @@
+"""Pressure around the wall of a stored run whose pressure is known: 0.1 kPa per mm of the lateral position."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ngfsi.output.load import Surroundings, transmission
+from ngfsi.output.stored import StoredRun
+from tests.output.fake import GEOMETRY
+
+RADIUS = GEOMETRY.lumen_radius + GEOMETRY.wall_thickness
+
+
+def test_by_angle_and_station(stored: StoredRun) -> None:
+    found = Surroundings.of(stored, 1.5)
+    assert found.pressure == pytest.approx(1e5 * (GEOMETRY.vein_x + RADIUS * np.cos(found.angle)), abs=2.0)
+    angle, pressure = found.by_angle()
+    there = np.isfinite(pressure)
+    assert there.sum() > 12
+    # nodes lie anywhere in a sector of 15 degrees
+    exact = 1e5 * (GEOMETRY.vein_x + RADIUS * np.cos(angle))
+    assert np.abs(pressure - exact)[there].max() < 1e5 * RADIUS * np.pi / 24
+    height, along = found.by_station(3)
+    assert height == pytest.approx(GEOMETRY.length * (np.arange(3) + 0.5) / 3)
+    assert along == pytest.approx(np.full(3, 1e5 * GEOMETRY.vein_x), rel=0.02)
+
+
+def test_transmission() -> None:
+    """Half of 4 kPa more on the skin arrives; at first there is nothing to transmit."""
+    skin, wall = np.array([500.0, 500.0, 4500.0]), np.array([1500.0, 1600.0, 3500.0])
+    found = transmission({"skin_pressure_Pa": skin, "p_tissue_side_Pa": wall})
+    assert np.isnan(found[:2]).all()
+    assert found[2] == pytest.approx(0.5)

@@ -1,0 +1,146 @@
+"""The HTML report: what it says and draws, and that a browser shows it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from queue import Queue
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ngfsi.errors import OutputError
+from ngfsi.output import charts
+from ngfsi.output.folder import RunFolder
+from ngfsi.output.report import report
+from ngfsi.output.stored import StoredRun
+from tests.output.fake import CASE, GEOMETRY, fake_run
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+CLAIMS = {"citation": "a book", "volume_reduction_percent": {"M": 30.0}}
+
+LISTEN = """<script>window.failures = [];
+window.addEventListener('error', e => failures.push(String(e.message)));
+console.error = (...said) => failures.push(said.join(' '));</script>"""
+LOOK = """<script>window.addEventListener('load', async () => {
+  const found = {};
+  for (const chart of document.querySelectorAll('.js-plotly-plot')) {
+    const image = new Image();
+    image.src = await Plotly.toImage(chart, {format: 'png', width: 300, height: 250});
+    await image.decode();
+    const canvas = document.createElement('canvas');
+    [canvas.width, canvas.height] = [300, 250];
+    const pen = canvas.getContext('2d');
+    pen.drawImage(image, 0, 0);
+    // without the colour bar at the right
+    found[chart.id] = new Set(new Uint32Array(pen.getImageData(0, 30, 220, 180).data.buffer)).size;
+  }
+  await fetch('/looked', {method: 'POST', body: JSON.stringify({failures: window.failures, colours: found})});
+});</script>"""
+PATIENCE = 240.0
+"""Seconds: without a graphics card a scene takes some."""
+
+
+@pytest.fixture(scope="module")
+def page(stored: StoredRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    other = fake_run(folder / "other", CASE.replace(name="wider", **{"time.step": 0.5}), loss=0.1)
+    return report([stored.path, other.path], folder / "report.html", CLAIMS)
+
+
+def test_what_it_says(page: Path) -> None:
+    text = re.sub(r"<script.*?</script>", "", page.read_text(encoding="utf-8"), flags=re.S)
+    assert "Not shown" not in text
+    # what differs comes first
+    assert re.search(r'<tr class="differs"><td>time.step_s</td><td>0.25</td><td>0.5</td>', text)
+    differing = re.findall(r'<tr class="differs"><td>(.*?)</td>', text)
+    assert all(key.startswith("time.") for key in differing)
+    assert "<b>25.0</b>" in text
+    assert "<b>10.0</b>" in text
+    ratio = 1.5 * 0.75**-1.5
+    assert f"<b>{ratio:.2f}</b>" in text
+    assert "fake (M): volume reduction percent</td><td>30</td><td>25</td><td>-5</td>" in text
+    # nothing is fetched: no address is loaded by the page itself
+    assert not re.search(r"(src|href)\s*=", text)
+
+
+def test_runs_without_steps_are_refused(tmp_path: Path) -> None:
+    RunFolder.create(tmp_path / "empty", CASE)
+    with pytest.raises(OutputError, match="holds no step yet"):
+        report([tmp_path / "empty"], tmp_path / "report.html")
+
+
+def test_the_unrolled_wall(stored: StoredRun) -> None:
+    """The fake's stress depends on the height alone: it is that at every angle."""
+    angles, heights, shear = charts.unroll(stored)
+    assert (angles[0], angles[-1]) == (-180, 180)
+    stretch = np.sqrt(1.1 * 0.75)
+    expected = 0.08 / stretch**3 * (1 + 0.3 * heights / (1e3 * GEOMETRY.length))
+    assert shear == pytest.approx(np.tile(expected[:, None], (1, len(angles))), rel=1e-3)
+
+
+def test_the_cut(stored: StoredRun) -> None:
+    """Where the solids are, and only there, their pressure."""
+    (x, y, pressure) = charts._section(stored)
+    inside = np.isfinite(pressure)
+    area = inside.sum() * (x[1] - x[0]) * (y[1] - y[0])
+    volumes = GEOMETRY.exact_volumes()
+    expected = (volumes["tissue"] + volumes["wall"]) / GEOMETRY.length * 1e6
+    assert area == pytest.approx(expected, rel=0.03)
+    # the fake's pressure is 0.1 kPa per mm of the reference place, which differs by a millimetre at most
+    assert np.abs(pressure - 0.1 * x[None, :])[inside].max() < 0.2
+
+
+@pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason=f"no browser is installed: {', '.join(BROWSERS)}")
+def test_in_a_browser(page: Path, tmp_path: Path) -> None:
+    """It opens without an error, and every chart draws, those in space too."""
+    text = page.read_text(encoding="utf-8")
+    probe = text.replace("<head>", f"<head>{LISTEN}", 1).replace("</body>", f"{LOOK}</body>", 1)
+    found = _looked(probe.encode(), next(path for name in BROWSERS if (path := shutil.which(name))), tmp_path)
+    assert found["failures"] == []
+    in_space = {name: count for name, count in found["colours"].items() if "in_space" in name}
+    assert len(in_space) == 4
+    assert min(in_space.values()) > 100, in_space
+    assert len(found["colours"]) == 15
+    assert min(found["colours"].values()) > 5, found["colours"]
+
+
+def _looked(page: bytes, browser: str, profile: Path) -> dict[str, Any]:
+    """Serve a page to a headless browser and return what the page posts back."""
+    answers: Queue[bytes] = Queue()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200 if self.path == "/" else 204)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.end_headers()
+            if self.path == "/":
+                self.wfile.write(page)
+
+        def do_POST(self) -> None:
+            answers.put(self.rfile.read(int(self.headers["Content-Length"])))
+            self.send_response(204)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    flags = ["--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+             "--disable-dev-shm-usage", f"--user-data-dir={profile}", "--remote-debugging-port=0"]  # fmt: skip
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_address[1]}/"
+        child = subprocess.Popen([browser, *flags, address], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            answer: dict[str, Any] = json.loads(answers.get(timeout=PATIENCE))
+        finally:
+            child.terminate()
+            child.wait()
+            server.shutdown()
+    return answer
