@@ -41,17 +41,22 @@ class Viscous(Protocol):
         """Dynamic viscosity (Pa s)."""
 
 
-def internal_work(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None) -> CF:
-    """P : grad v with P = dW/dF; in the plane, of plane strain.
+def internal_work(
+    law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None, across: tuple[CF, CF] = (1, 0)
+) -> CF:
+    """P : grad v with P = dW/dF; in the plane, of plane strain unless the stretch across it varies.
 
     Args:
+        across: stretch across the plane and its virtual change; tested with all changes it makes P33 vanish: plane
+            stress.
         relaxation: G = dX/dX0 maps the stress-free shape X0 to the reference shape X where the latter is prestressed:
             the law sees F G, and the energy per reference volume is W / det G (inverse design, Govindjee and Mihalic,
             CMAME 136, 1996; use as prestress as in Gee, Foerster and Wall, IJNMBE 26, 2010).
     """
     if relaxation is None:
-        return law.variation(in_space(F, 1), in_space(grad_v, 0))
-    return law.variation(in_space(F * relaxation, 1), in_space(grad_v * relaxation, 0)) / Det(relaxation)
+        return law.variation(in_space(F, across[0]), in_space(grad_v, across[1]))
+    loosened, change = in_space(F * relaxation, across[0]), in_space(grad_v * relaxation, across[1])
+    return law.variation(loosened, change) / Det(relaxation)
 
 
 def stored_energy(law: StoredEnergy, F: CF, relaxation: CF | None = None) -> CF:
@@ -61,9 +66,9 @@ def stored_energy(law: StoredEnergy, F: CF, relaxation: CF | None = None) -> CF:
     return law.energy(in_space(F * relaxation, 1)) / Det(relaxation)
 
 
-def hydrostatic_pressure(law: StoredEnergy, F: CF) -> CF:
-    """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J."""
-    F = in_space(F, 1)
+def hydrostatic_pressure(law: StoredEnergy, F: CF, across: CF = 1) -> CF:
+    """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J; `across`: stretch across a plane."""
+    F = in_space(F, across)
     return -law.variation(F, F) / (3 * Det(F))
 
 

@@ -94,6 +94,7 @@ def _set_share(system: System, share: float) -> None:
     for pressure in system.openings.values():
         pressure.Set(share * pressure.Get())
     system.flow_rate *= share
+    system.prescribe(share)
 
 
 def _with_inertia(system: System, newton: Newton) -> None:
