@@ -22,6 +22,9 @@ from ngfsi.units import Length
 NARROWEST_GAP = 0.5e-3
 """Outlines closer than this [m] are refused: what is between them could not be meshed sensibly."""
 
+SIZE_FACTORS = (1.0, 0.8, 0.65)
+"""Factors on the element sizes to be tried in turn if elements along curved outlines are inverted."""
+
 COMPARTMENTS = ("anterior", "lateral", "superficial_posterior", "deep_posterior")
 SPLINE_POINTS = 4
 """Points handed to Netgen's spline for each given one, so that it follows ours."""
@@ -80,7 +83,9 @@ class CalfSection(PlaneSection):
             GeometryError: the outlines contradict each other.
         """
         optional = [name for name in (*COMPARTMENTS, "fascia") if (folder / f"{name}.csv").exists()]
-        outlines = {n: Outline.from_csv(folder / f"{n}.csv") for n in ("skin", "tibia", "fibula", *optional)}
+        outlines: dict[str, Any] = {
+            n: Outline.from_csv(folder / f"{n}.csv") for n in ("skin", "tibia", "fibula", *optional)
+        }
         files = [folder / "vein.csv", *sorted(folder.glob("vein_[0-9]*.csv"))]
         return cls(veins=tuple(Vein(lumen=Outline.from_csv(file)) for file in files), **outlines, **more)
 
@@ -124,11 +129,16 @@ class CalfSection(PlaneSection):
         """Return the volume [m3] of the wall, 1 m deep; the other areas follow from where the outlines cross."""
         return {"wall": sum(vein.outer.area - vein.lumen.area for vein in self.veins)}
 
-    def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
-        """Return the straight Netgen mesh [m] with its geometry and names."""
-        from netgen.occ import Glue
+    def mesh_attempts(self) -> tuple[str, ...]:
+        """Return a description of each way to mesh this section, in the order to be tried."""
+        return tuple(f"element sizes x {factor:g}" for factor in SIZE_FACTORS)
 
-        sizes = self.mesh
+    def netgen_mesh(self, attempt: int = 0) -> Any:
+        """Return the straight Netgen mesh [m] with its geometry and names; attempt: index in `mesh_attempts`."""
+        from netgen.occ import Glue, OCCGeometry
+
+        given = {key: value * SIZE_FACTORS[attempt] for key, value in self.mesh if key.endswith("_size")}
+        sizes = self.mesh.model_copy(update=given)
         skin = _face(self.skin, "skin", sizes.far_size)
         bones = [_face(getattr(self, name), name, sizes.bone_size) for name in self.rigid_names]
         lumens = [_face(v.lumen, f"lumen{_suffix(k)}", sizes.vein_size) for k, v in enumerate(self.veins)]
@@ -138,12 +148,12 @@ class CalfSection(PlaneSection):
         if self.fascia:
             inside = _face(self.fascia, "fascia", sizes.far_size)
             parts.append(_region(_without(skin, [inside, *bones]), "fat"))
-        given = [name for name in COMPARTMENTS if getattr(self, name)]
-        shapes = {name: _face(getattr(self, name), f"{name}_edge", sizes.far_size) for name in given}
+        there = [name for name in COMPARTMENTS if getattr(self, name)]
+        shapes = {name: _face(getattr(self, name), f"{name}_edge", sizes.far_size) for name in there}
         parts += [_region(_without(shape, [*bones, *outers]), name) for name, shape in shapes.items()]
         parts.append(_region(_without(inside, [*bones, *outers, *shapes.values()]), "tissue"))
         parts += [_region(outer - lumen, "wall") for outer, lumen in zip(outers, lumens, strict=True)]
-        return self._mesh(Glue(parts))
+        return OCCGeometry(Glue(parts), dim=2).GenerateMesh(maxh=sizes.far_size, grading=sizes.grading)
 
     @model_validator(mode="after")
     def _check_positions(self) -> CalfSection:
@@ -212,23 +222,23 @@ def subject(number: int, **more: Any) -> CalfSection:
         "skin": skin,
         "tibia": _polygon((-0.27 * s["width"], 0.42 * s["depth"]), s["tibia"], (100, 215, 335), 0.16),
         "fibula": _wavy(*fibula, s["fibula"], 0.85 * s["fibula"], {3: 0.06}),
-        "deep_posterior": _ellipse(0.08 * s["width"], 0.04 * s["depth"], 0.36 * s["width"], 0.2 * s["depth"], -8),
+        "deep_posterior": _ellipse(0.05 * s["width"], 0.04 * s["depth"], 0.36 * s["width"], 0.155 * s["depth"], -8),
         "anterior": _ellipse(0.27 * s["width"], 0.52 * s["depth"], 0.26 * s["width"], 0.18 * s["depth"], -38),
         "lateral": _ellipse(0.71 * s["width"], 0.12 * s["depth"], 0.11 * s["width"], 0.26 * s["depth"], 8),
     }
     given = {"veins": (Vein(lumen=Outline.circle(*vein, s["lumen"])),), **outlines}
-    return CalfSection(**{**given, **more})  # type: ignore[arg-type]
+    return CalfSection(**{**given, **more})
 
 
 SUBJECTS: dict[int, dict[str, float]] = {
     1: {"width": 52e-3, "depth": 57e-3, "waist": 0.02, "calf": 0.02, "tibia": 14e-3, "fibula": 7e-3,
-        "lumen": 4e-3, "vein_x": 12e-3, "vein_y": -17e-3},
+        "lumen": 4e-3, "vein_x": 12e-3, "vein_y": -15e-3},
     2: {"width": 57e-3, "depth": 56e-3, "waist": 0.0, "calf": 0.04, "tibia": 15e-3, "fibula": 7.5e-3,
-        "lumen": 4e-3, "vein_x": 16e-3, "vein_y": -18e-3},
+        "lumen": 4e-3, "vein_x": 16e-3, "vein_y": -16e-3},
     3: {"width": 47e-3, "depth": 54e-3, "waist": 0.03, "calf": -0.02, "tibia": 14e-3, "fibula": 6.5e-3,
-        "lumen": 4e-3, "vein_x": 7e-3, "vein_y": -16e-3},
+        "lumen": 4e-3, "vein_x": 7e-3, "vein_y": -14e-3},
     4: {"width": 60e-3, "depth": 61e-3, "waist": -0.02, "calf": 0.03, "tibia": 15e-3, "fibula": 8e-3,
-        "lumen": 4e-3, "vein_x": 17e-3, "vein_y": -22e-3},
+        "lumen": 4e-3, "vein_x": 17e-3, "vein_y": -18e-3},
 }  # fmt: skip
 
 

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class OutlineDisplacement(Section):
-    """Displacement (ux, uy) of the points (x, y) of an outline, between them by periodic cubic splines of arc length."""
+    """Displacement (ux, uy) of points (x, y) of an outline, between them by periodic cubic splines of arc length."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
 

@@ -128,9 +128,7 @@ class Outline(Section):
     @property
     def centroid(self) -> Array:
         """Centroid (2,) of the enclosed area [m]."""
-        moments = self._integral(
-            lambda p, t: np.column_stack([p[:, 0] ** 2 * t[:, 1], -(p[:, 1] ** 2) * t[:, 0]]) / 2
-        )
+        moments = self._integral(lambda p, t: np.column_stack([p[:, 0] ** 2 * t[:, 1], -(p[:, 1] ** 2) * t[:, 0]]) / 2)
         return np.asarray(moments / self.area)
 
     def at(self, arc: Array) -> Array:

@@ -138,7 +138,7 @@ def _motion(domain: Domain, order: int, ends: Ends, moved: Sequence[str] = ()) -
     """Return the space of the motion, and which of its unknowns are free."""
     rigid = list(domain.geometry.rigid_names)
     there = [name for name in ENDS if domain.has_boundary(name)]
-    if ends in ("free", "guided") and not rigid:
+    if ends in ("free", "guided") and not rigid and not moved:
         raise CaseError(f"conditions.ends = '{ends}' leaves a segment without bones adrift: use 'roller' or 'clamped'")
     if ends == "roller" and domain.mesh.dim == 2:
         raise CaseError("conditions.ends = 'roller' is for segments in space: use 'clamped' or 'free' in the plane")
