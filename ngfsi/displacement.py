@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -38,16 +39,21 @@ class OutlineDisplacement(Section):
     def _fits(self) -> Self:
         if len({len(self.x), len(self.y), len(self.ux), len(self.uy)}) > 1:
             raise ValueError("a displacement needs as many x, y, ux and uy")
-        Outline(x=self.x, y=self.y)
+        _ = self._outline
         return self
+
+    @cached_property
+    def _outline(self) -> Outline:
+        return Outline(x=self.x, y=self.y)
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        arc = self._outline.nearest(np.column_stack([self.x, self.y]))
+        order = np.argsort(arc)
+        knots, values = arc[order], np.column_stack([self.ux, self.uy])[order]
+        closed = np.r_[knots, knots[0] + self._outline.length], np.vstack([values, values[:1]])
+        return CubicSpline(*closed, bc_type="periodic")
 
     def __call__(self, points: Array) -> Array:
         """Return the displacement (n, 2) [m] of the points of the outline nearest to points (n, 2) [m]."""
-        outline = Outline(x=self.x, y=self.y)
-        given = np.column_stack([self.x, self.y])
-        arc = outline.nearest(given)
-        order = np.argsort(arc)
-        knots, values = arc[order], np.column_stack([self.ux, self.uy])[order]
-        closed = CubicSpline(np.r_[knots, knots[0] + outline.length], np.vstack([values, values[:1]]),
-                             bc_type="periodic")  # fmt: skip
-        return np.asarray(closed(outline.nearest(points)))
+        return np.asarray(self._spline(self._outline.nearest(points)))

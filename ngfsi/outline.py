@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from matplotlib.path import Path as Polygon
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.spatial import cKDTree
 
 from ngfsi.columns import read_columns
 from ngfsi.errors import GeometryError, NgfsiError
@@ -147,10 +149,7 @@ class Outline(Section):
         """Return the arc lengths (n,) [m] of the points of the curve nearest to points (n, 2) [m]."""
         fine, lengths = self._arc
         near = self._spline(fine[:-1])
-        start = np.concatenate(
-            [np.argmin(np.sum((part[:, None] - near) ** 2, axis=-1), axis=1) for part in np.array_split(points, 64)
-             if len(part)]
-        )  # fmt: skip
+        start = cKDTree(near).query(points)[1]
         t, reach = fine[start], np.max(np.diff(fine))
         period = fine[-1]
         for _ in range(NEWTON_STEPS):
@@ -172,14 +171,8 @@ class Outline(Section):
         return Outline.through(self.points + distance * outward)
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
-        """Return which of points (n, 2) [m] lie inside, by the winding of the curve sampled at 4 points to a piece."""
-        ring = self._spline(self._arc[0][:-1])
-        a, b = ring, np.roll(ring, -1, axis=0)
-        x, y = points[:, :1], points[:, 1:]
-        straddles = (a[:, 1] > y) != (b[:, 1] > y)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
-        return np.asarray(np.sum(straddles & (x < crossing), axis=1) % 2 == 1)
+        """Return which of points (n, 2) [m] lie inside the curve, sampled at 4 points to a piece."""
+        return np.asarray(Polygon(self._spline(self._arc[0])).contains_points(points))
 
     def distance_to(self, other: Outline) -> float:
         """Return the smallest distance [m] between points of this curve and the other."""

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from geometry.calf_section import SUBJECTS, CalfSection, Vein, subject
-from ngfsi.domain import Domain
 from ngfsi.errors import GeometryError, OutputError
 from ngfsi.outline import Outline
+from tests.vein import domain_of
 
 ANGLES = 2 * np.pi * np.arange(48) / 48
 
@@ -84,7 +84,7 @@ def test_outline_from_csv(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", SUBJECTS)
 def test_areas_of_the_meshed_subjects(number: int) -> None:
     section = subject(number)
-    domain = Domain.build(section)
+    domain = domain_of(section)
     inside = section.skin.area - section.tibia.area - section.fibula.area - section.veins[0].lumen.area
     assert domain.volume() == pytest.approx(inside, rel=2e-5)
     assert domain.volume("wall") == pytest.approx(np.pi * (4.8e-3**2 - 4e-3**2), rel=5e-4)
@@ -99,7 +99,7 @@ def test_fascia_and_two_veins() -> None:
     one = subject(1)
     veins = (*one.veins, Vein(lumen=Outline.circle(-12e-3, -18e-3, 2e-3), wall_thickness=0.5e-3))
     section = one.replace(fascia=one.skin.offset(-5e-3), veins=veins)
-    domain = Domain.build(section)
+    domain = domain_of(section)
     assert domain.volume("fat") == pytest.approx(one.skin.area - section.fascia.area, rel=1e-4)
     assert domain.area("lumen_2") == pytest.approx(2 * np.pi * 2e-3, rel=1e-4)
     assert domain.volume("wall") == pytest.approx(section.exact_volumes()["wall"], rel=1e-3)
@@ -109,8 +109,8 @@ def test_section_from_a_folder(tmp_path: Path) -> None:
     one = subject(2)
     outlines = {"skin": one.skin, "tibia": one.tibia, "fibula": one.fibula, "vein": one.veins[0].lumen}
     for name, outline in outlines.items():
-        rows = "\n".join(f"{1e3 * x!r},{1e3 * y!r}" for x, y in outline.points)
-        (tmp_path / f"{name}.csv").write_text(f"x_mm,y_mm\n{rows}\n")
+        rows = "\n".join(f"{x!r},{y!r}" for x, y in zip(outline.x, outline.y, strict=True))
+        (tmp_path / f"{name}.csv").write_text(f"x_m,y_m\n{rows}\n")
     section = CalfSection.from_folder(tmp_path)
     assert section.solids == ("tissue", "wall")
     assert section.skin.area == pytest.approx(one.skin.area, rel=1e-9)
