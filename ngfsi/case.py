@@ -24,7 +24,7 @@ from ngfsi.displacement import OutlineDisplacement
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.section import Section
-from ngfsi.units import MMHG, Time
+from ngfsi.units import MMHG, Pressure, Time
 
 
 def _build_geometry(value: Any, info: ValidationInfo) -> Any:
@@ -167,6 +167,12 @@ class Output(Section):
 
     fields_every: int = Field(default=10, ge=0)
     """Steps between two written fields; 0: first and last only."""
+    wall_every: int = Field(default=1, ge=1)
+    """Steps between two written states of the vein's inner wall, from which TAWSS and OSI follow."""
+    stations: int = Field(default=11, ge=2)
+    """Number of cross-sections whose outlines and shapes are written with the fields."""
+    low_shear: Pressure = Field(default=0.1, gt=0)
+    """Wall shear stress below which an area of the wall counts as of low shear."""
 
 
 class Case(Section):

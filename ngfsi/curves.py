@@ -6,16 +6,21 @@ jumps. A time scheme of higher order restarts there.
 
 from __future__ import annotations
 
+import csv
 from abc import abstractmethod
 from bisect import bisect_right
+from functools import cache
 from itertools import pairwise
 from math import cos, isclose, pi
-from typing import Annotated, Generic, Literal, Self, TypeVar
+from pathlib import Path
+from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
+from scipy.interpolate import CubicSpline
 
+from ngfsi.complaint import key_error
 from ngfsi.section import Section, tagged
-from ngfsi.units import FlowRate, Pressure, Time
+from ngfsi.units import UNITS, Angle, FlowRate, Pressure, Time
 
 Q = TypeVar("Q", bound=float)
 
@@ -120,19 +125,125 @@ class Table(Section, Generic[Q]):
         return tuple(t for t, bend in zip(self.times, bends, strict=True) if bend)
 
 
+class Harmonics(Section, Generic[Q]):
+    """Periodic: mean + sum over n = 1, 2, ... of amplitude_n cos(2 pi n t / period + phase_n)."""
+
+    kind: Literal["harmonics"] = "harmonics"
+    mean: Q
+    amplitudes: tuple[Q, ...] = Field(min_length=1)
+    phases: tuple[Angle, ...]
+    period: Time = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _one_phase_each(self) -> Self:
+        if len(self.phases) != len(self.amplitudes):
+            raise ValueError(f"harmonics need as many phases as amplitudes, not {len(self.phases)} and "
+                             f"{len(self.amplitudes)}")  # fmt: skip
+        return self
+
+    def __call__(self, t: float) -> float:
+        """Return the value at time t (s), in SI."""
+        waves = enumerate(zip(self.amplitudes, self.phases, strict=True), start=1)
+        return self.mean + sum(size * cos(2 * pi * n * t / self.period + phase) for n, (size, phase) in waves)
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps: none."""
+        return ()
+
+
+class Waveform(Section, Generic[Q]):
+    """One period of a measured curve, repeated: a periodic cubic spline through the points, the last as the first.
+
+    Instead of times and values a file may be named, `{kind = "waveform", file = "inflow.csv"}`: two columns with a
+    header that carries units, e.g. `time_s,flow_ml_s`. The resolved case holds the numbers, and needs the file no more.
+    """
+
+    kind: Literal["waveform"] = "waveform"
+    times: tuple[Time, ...] = Field(min_length=4)
+    values: tuple[Q, ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_file(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "file" not in data:
+            return data
+        return {**{key: value for key, value in data.items() if key != "file"}, **_columns(str(data["file"]))}
+
+    @model_validator(mode="after")
+    def _is_a_period(self) -> Self:
+        if len(self.times) != len(self.values):
+            raise ValueError(f"a waveform needs as many times as values, not {len(self.times)} and {len(self.values)}")
+        if any(later <= earlier for earlier, later in pairwise(self.times)):
+            raise ValueError("the times of a waveform must increase")
+        if abs(self.values[-1] - self.values[0]) > 1e-6 * max(map(abs, self.values)):
+            raise ValueError("the last value of a waveform must repeat the first one: it closes the period")
+        return self
+
+    def __call__(self, t: float) -> float:
+        """Return the value at time t (s), in SI."""
+        return float(_periodic(self.times, self.values)(t))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps: none."""
+        return ()
+
+
+@cache
+def _periodic(times: tuple[float, ...], values: tuple[float, ...]) -> CubicSpline:
+    return CubicSpline(times, (*values[:-1], values[0]), bc_type="periodic")
+
+
+def _columns(path: str) -> dict[str, Any]:
+    """Return the columns of a CSV file as the times and values of a waveform, their units in the keys."""
+    try:
+        with Path(path).open(encoding="utf-8", newline="") as file:
+            heads, *rows = csv.reader(file)
+        numbers = [[float(row[i]) for row in rows if row] for i in range(2)]
+        units = [next(u for u in sorted(UNITS, key=len, reverse=True) if head.strip().endswith(f"_{u}"))
+                 for head in heads[:2]]  # fmt: skip
+    except OSError as error:
+        raise key_error("file", f"'{path}' cannot be read: {error.strerror or error}") from None
+    except (ValueError, IndexError, StopIteration):
+        text = "needs two columns of numbers below a header with units, e.g. time_s,flow_ml_s"
+        raise key_error("file", f"'{path}' {text}") from None
+    return {f"times_{units[0]}": numbers[0], f"values_{units[1]}": numbers[1]}
+
+
 PressureConstant, PressureRamp, PressureTable = Constant[Pressure], Ramp[Pressure], Table[Pressure]
 PressureSmoothRamp = SmoothRamp[Pressure]
 FlowConstant, FlowRamp, FlowTable = Constant[FlowRate], Ramp[FlowRate], Table[FlowRate]
 FlowSmoothRamp = SmoothRamp[FlowRate]
+PressureHarmonics, PressureWaveform = Harmonics[Pressure], Waveform[Pressure]
+FlowHarmonics, FlowWaveform = Harmonics[FlowRate], Waveform[FlowRate]
 
 PressureCurve = Annotated[
-    Constant[Pressure] | Ramp[Pressure] | SmoothRamp[Pressure] | Table[Pressure],
-    tagged("kind", PressureConstant, PressureRamp, PressureSmoothRamp, PressureTable),
+    Constant[Pressure]
+    | Ramp[Pressure]
+    | SmoothRamp[Pressure]
+    | Table[Pressure]
+    | Harmonics[Pressure]
+    | Waveform[Pressure],
+    tagged(
+        "kind",
+        PressureConstant,
+        PressureRamp,
+        PressureSmoothRamp,
+        PressureTable,
+        PressureHarmonics,
+        PressureWaveform,
+    ),
 ]
 """A pressure over time: Pa over s."""
 
 FlowCurve = Annotated[
-    Constant[FlowRate] | Ramp[FlowRate] | SmoothRamp[FlowRate] | Table[FlowRate],
-    tagged("kind", FlowConstant, FlowRamp, FlowSmoothRamp, FlowTable),
+    Constant[FlowRate]
+    | Ramp[FlowRate]
+    | SmoothRamp[FlowRate]
+    | Table[FlowRate]
+    | Harmonics[FlowRate]
+    | Waveform[FlowRate],
+    tagged("kind", FlowConstant, FlowRamp, FlowSmoothRamp, FlowTable, FlowHarmonics, FlowWaveform),
 ]
 """A volume flow rate over time: m3/s over s."""

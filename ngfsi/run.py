@@ -14,10 +14,13 @@ from ngfsi.domain import Domain
 from ngfsi.errors import CaseError, NgfsiError, SolverError
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
-from ngfsi.output.fields import FieldWriter
+from ngfsi.measure.shape import Shape
+from ngfsi.output.fields import DEFORMATION, STRESS, FieldWriter
 from ngfsi.output.folder import RunFolder
 from ngfsi.output.progress import Progress
 from ngfsi.output.stored import StoredRun, open_run
+from ngfsi.physics import terms
+from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.linear import choose_backend
 from ngfsi.solve.newton import Newton
@@ -111,14 +114,19 @@ class Computation:
         writer = FieldWriter(self.folder.path, domain, volume_fields(system))
         with Progress(self.case.name, end=self.case.time.end, steps=loop.steps, quiet=self.quiet) as progress:
             self._record(0.0, 0.0, probe)
+            self._write_wall(0.0, probe, writer)
             self._write(0.0, probe, writer)
             latest: Step | None = None
             for latest in self._timed(loop.run()):
                 self._record(latest.time, latest.size, probe)
                 self._note_cost(latest)
+                if latest.index % self.case.output.wall_every == 0:
+                    self._write_wall(latest.time, probe, writer)
                 if self._is_written(latest.index):
                     self._write(latest.time, probe, writer)
                 progress.advance(latest.index, latest.time, latest.solution.iterations)
+            if latest is not None and latest.index % self.case.output.wall_every:
+                self._write_wall(latest.time, probe, writer)
             if latest is not None and not self._is_written(latest.index):
                 self._write(latest.time, probe, writer)
 
@@ -155,8 +163,15 @@ class Computation:
 
     def _write(self, time: float, probe: Probe, writer: FieldWriter) -> None:
         with self.watch("output"):
-            writer.write(time, probe.wall.sample(WALL_REFINEMENT))
-            self.folder.record_outlines(time, probe.sections.rings)
+            writer.write(time)
+            sections = probe.outlines
+            sections.refresh()
+            self.folder.record_outlines(time, sections.rings)
+            self.folder.record_shape(Shape.of(sections).rows(time))
+
+    def _write_wall(self, time: float, probe: Probe, writer: FieldWriter) -> None:
+        with self.watch("output"):
+            writer.write_wall(time, probe.wall.sample(WALL_REFINEMENT))
 
     def _note_system(self, system: System) -> None:
         unknowns = system.unknowns
@@ -176,8 +191,14 @@ def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
     fluid = domain.fluid
     solid_velocity = system.new_weight * system.state.components[0] + system.velocity_history.components[0]
     everywhere = {name: solid_velocity for name in domain.geometry.solids} | {fluid: fields.velocity}
+    relaxation, strain = system.stress_free_gradient(), Kinematics(fields.grad_motion).F
+    strain = strain if relaxation is None else strain * relaxation
+    stress = {name: terms.cauchy_stress(law, strain).Compile() for name, law in system.solids.items()}
+    none = ng.CF((0,) * 9, dims=(3, 3))
     return {
         "displacement_m": fields.motion,
         "velocity_m_s": domain.mesh.MaterialCF(everywhere),
         "pressure_Pa": domain.mesh.MaterialCF({fluid: fields.pressure}, default=0),
+        STRESS: domain.mesh.MaterialCF({**stress, fluid: none}),
+        DEFORMATION: domain.mesh.MaterialCF({**dict.fromkeys(stress, strain), fluid: none}),
     }

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from math import pi, sin
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,6 +12,7 @@ from hypothesis import strategies as st
 from ngfsi.curves import (
     FlowConstant,
     FlowCurve,
+    FlowHarmonics,
     PressureConstant,
     PressureCurve,
     PressureRamp,
@@ -17,6 +21,8 @@ from ngfsi.curves import (
 )
 from ngfsi.errors import CaseError
 from ngfsi.section import Section
+
+KINDS = "'constant', 'ramp', 'smooth_ramp', 'table', 'harmonics', 'waveform'"
 
 
 class Loads(Section):
@@ -93,11 +99,8 @@ def test_round_trip() -> None:
     ("written", "said"),
     [
         ({"kind": "rmp"}, "'skin.kind' has an unknown value: 'rmp' is not a known kind: did you mean 'ramp'?"),
-        ({}, "'skin.kind' is missing: write one of 'constant', 'ramp', 'smooth_ramp', 'table'"),
-        (
-            5,
-            "skin = 5 is not accepted: a table with kind = one of 'constant', 'ramp', 'smooth_ramp', 'table' is wanted",
-        ),
+        ({}, f"'skin.kind' is missing: write one of {KINDS}"),
+        (5, f"skin = 5 is not accepted: a table with kind = one of {KINDS} is wanted"),
         ({"kind": "constant", "value_ml_s": 1}, "'skin.value_ml_s' has a unit of flow rate: write 'value_Pa' or"),
         ({"kind": "ramp", "final_Pa": 1}, "'skin.duration_s' is missing: write 'duration_s' or 'duration_ms'"),
         ({"kind": "ramp", "final_Pa": 1, "duration_s": 0}, "skin.duration_s = 0 is not accepted: a number greater"),
@@ -115,3 +118,56 @@ def test_refused(written: object, said: str) -> None:
 def test_a_flow_is_no_pressure() -> None:
     with pytest.raises(CaseError, match="skin = a Constant is not accepted"):
         Loads(skin=FlowConstant(value=1.0))
+
+
+def test_harmonics() -> None:
+    loads = Loads.from_dict(
+        {
+            "skin": {"kind": "constant", "value_Pa": 0},
+            "inlet": {"kind": "harmonics", "mean_ml_s": 3, "amplitudes_ml_s": [1, 0.5], "phases_deg": [0, 90],
+                      "period_s": 4},
+        }
+    )  # fmt: skip
+    # cos(pi/2 t) - 0.5 sin(pi t)
+    assert [loads.inlet(t) for t in (0, 0.5, 1, 2, 4.5)] == pytest.approx(
+        [4e-6, 3e-6 + 1e-6 * (0.5**0.5 - 0.5), 3e-6, 2e-6, 3e-6 + 1e-6 * (0.5**0.5 - 0.5)], rel=1e-12
+    )
+    assert loads.inlet.breakpoints == ()
+    with pytest.raises(CaseError, match="as many phases as amplitudes, not 1 and 2"):
+        FlowHarmonics(mean=1.0, amplitudes=(1.0, 2.0), phases=(0.0,), period=1.0)
+
+
+def test_a_waveform_from_a_file(tmp_path: Path) -> None:
+    """Every point of it, in every period; between them smooth, and the mean of a sine is not lost."""
+    times = [k / 10 for k in range(21)]
+    rows = [f"{t},{3 + sin(pi * t)}" for t in times[:-1]] + ["2.0,3.0"]
+    file = tmp_path / "inflow.csv"
+    file.write_text("\n".join(["time_s,flow_ml_s", *rows, ""]))
+    written = {"skin": {"kind": "constant", "value_Pa": 0}, "inlet": {"kind": "waveform", "file": str(file)}}
+    curve = Loads.from_dict(written).inlet
+    for t in (0.0, 0.3, 1.25, 1.95, 2.3, 7.3, -0.7):
+        assert curve(t) == pytest.approx(1e-6 * (3 + sin(pi * t)), rel=1e-5)
+    assert curve.breakpoints == ()
+    # the resolved case needs the file no more
+    file.unlink()
+    again = Loads.from_dict({"skin": written["skin"], "inlet": curve.to_toml_dict()}).inlet
+    assert again == curve
+    assert again(0.77) == curve(0.77)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("t,q\n0,1\n1,2\n", "needs two columns of numbers below a header with units"),
+        ("time_s,flow_ml_s\n0,1\n1,2\n2,4\n3,3\n", "last value of a waveform must repeat the first"),
+        ("time_s,flow_ml_s\n0,1\n1,2\n1,4\n3,1\n", "must increase"),
+        ("time_s,flow_kPa\n0,1\n1,2\n2,4\n3,1\n", "has a unit of pressure"),
+    ],
+)
+def test_bad_waveforms(tmp_path: Path, text: str, complaint: str) -> None:
+    file = tmp_path / "inflow.csv"
+    file.write_text(text)
+    with pytest.raises(CaseError, match=complaint):
+        Loads.from_dict({"skin": {"kind": "constant", "value_Pa": 0}, "inlet": {"kind": "waveform", "file": str(file)}})
+    with pytest.raises(CaseError, match="cannot be read"):
+        Loads.from_dict({"skin": {"kind": "constant", "value_Pa": 0}, "inlet": {"kind": "waveform", "file": "nowhere"}})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import ngsolve as ng
+import numpy as np
 from ngsolve import Id, InnerProduct
 
 from ngfsi.domain import Vein
@@ -26,8 +27,9 @@ class Probe:
         self.fluid = self.vein.fluid
         self.wall = Wall(system)
         self.sections = Sections(system)
+        self.outlines = Sections(system, np.linspace(0.0, self.vein.length, system.case.output.stations))
         self.deformation = Deformation(system)
-        self.shear = ShearStatistics(0.0, 0.0, 0.0)
+        self.shear = self.consistent_shear = ShearStatistics(0.0, 0.0, 0.0, 0.0)
         self._fields = system.fields(system.state.components)
         self._motion = Kinematics(self._fields.grad_motion)
         self._integrals = self._define()
@@ -36,8 +38,9 @@ class Probe:
     def refresh(self) -> None:
         """Take the system's present state."""
         self.wall.refresh()
-        self.sections.refresh()
-        self.shear = self.wall.statistics()
+        self.sections.refresh(self.wall.field)
+        self.shear = self.wall.statistics(self.system.case.output.low_shear)
+        self.consistent_shear = self.wall.statistics(method="consistent")
         self._known.clear()
 
     def integral(self, name: str) -> float:

@@ -54,6 +54,15 @@ def _station(index: int) -> Quantity:
     )
 
 
+def _shear(index: int) -> Quantity:
+    return Quantity(
+        f"wss_z{index:02d}",
+        "Pa",
+        f"wall shear stress, mean around station {index}",
+        lambda probe: float(probe.sections.shears[index]),
+    )
+
+
 def _jacobian(region: str) -> Quantity:
     return Quantity(
         f"detF_min_{region}",
@@ -77,6 +86,14 @@ QUANTITIES: tuple[Quantity, ...] = (
     Quantity("sawss", "Pa", "wall shear stress, mean over the deformed wall", lambda p: p.shear.mean),
     Quantity("wss_min", "Pa", "smallest wall shear stress", lambda p: p.shear.smallest),
     Quantity("wss_max", "Pa", "largest wall shear stress", lambda p: p.shear.largest),
+    Quantity("wss_low_area", "1", "share of the wall's area with low wall shear stress", lambda p: p.shear.low),
+    *(_shear(index) for index in range(STATIONS)),
+    Quantity(
+        "sawss_consistent",
+        "Pa",
+        "SAWSS from the balance of momentum instead of the gradient of the velocity",
+        lambda p: p.consistent_shear.mean,
+    ),
     Quantity(
         "sawss_poiseuille_local",
         "Pa",

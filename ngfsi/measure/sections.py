@@ -13,47 +13,60 @@ from ngfsi.solve.system import System
 Array = NDArray[np.float64]
 
 STATIONS = 11
-POINTS = 96
-PLANE_ITERATIONS = 3
+PLANE_ITERATIONS = 6
 
 
 class Sections:
-    """Outlines of the lumen in planes z = const of the deformed vein, evenly spaced from inlet to outlet."""
+    """Outlines of the lumen in planes z = const of the deformed vein, by default evenly spaced from inlet to outlet.
 
-    def __init__(self, system: System, stations: int = STATIONS, points: int = POINTS) -> None:
+    An outline is the curve of the discrete wall itself: arcs from element to element, each known at Gauss points, so
+    that areas integrate to the volume of the discrete lumen.
+
+    Attributes:
+        heights: (stations,) m
+        arcs: of which each outline is made.
+        rings: (stations, points, 3) m
+        areas, area_rates, perimeters: (stations,) m2, m2/s, m
+        shears: (stations,) wall shear stress, mean over the outline, Pa; of `shear` in `refresh`.
+    """
+
+    def __init__(self, system: System, heights: Array | None = None) -> None:
         self.system = system
         self.vein: Vein = system.case.geometry
-        geometry = self.vein
-        self.heights = np.linspace(0.0, geometry.length, stations)
-        angles = 2 * np.pi * np.arange(points) / points
-        x0, y0 = geometry.vein_centre
+        self.heights = np.linspace(0.0, self.vein.length, STATIONS) if heights is None else heights
         fields = system.fields(system.state.components)
         self._values = ng.CF((ng.CF((ng.x, ng.y, ng.z)) + fields.motion, fields.velocity))
-        ring = [x0 + geometry.lumen_radius * np.cos(angles), y0 + geometry.lumen_radius * np.sin(angles)]
-        outline = [np.tile(line, (stations, 1)) for line in ring]
-        on_wall = np.stack([*outline, np.broadcast_to(self.heights[:, None], outline[0].shape)], axis=-1)
-        straight = system.domain.on_straight_mesh(on_wall.reshape(-1, 3)).reshape(on_wall.shape)
-        self._x, self._y = straight[..., 0], straight[..., 1]
-        self.rings = np.zeros((stations, points, 3))
-        self.areas = np.zeros(stations)
-        self.area_rates = np.zeros(stations)
-        self.perimeters = np.zeros(stations)
+        corners = _corners(system)
+        self.arcs = Arcs(len(corners), system.unknowns.order + 2)
+        outline = self.arcs.between(corners)
+        shape = (len(self.heights), len(outline))
+        self._x, self._y = (np.broadcast_to(outline[:, i], shape) for i in range(2))
+        self.rings = np.zeros((*shape, 3))
+        self.areas, self.area_rates, self.perimeters, self.shears = np.zeros((4, len(self.heights)))
 
-    def refresh(self) -> None:
-        """Take the system's present state."""
+    def refresh(self, shear: ng.CoefficientFunction | None = None) -> None:
+        """Take the system's present state.
+
+        Args:
+            shear: wall shear stress (Pa), a field that can be evaluated on the interface.
+        """
         plane = self.heights[:, None]
         z = np.broadcast_to(plane, self._x.shape).copy()
         length = self.vein.length
         # which material point of the wall lies in the plane now? Axial displacements are small: a fixed point finds it
         for _ in range(PLANE_ITERATIONS):
-            values = self._evaluate(self._values, self._x, self._y, z)
+            values = self._evaluate(self._values, z)
             z = np.clip(z + plane - values[..., 2], 0.0, length)
-        values = self._evaluate(self._values, self._x, self._y, z)
+        values = self._evaluate(self._values, z)
         self.rings, velocity = values[..., :3], values[..., 3:]
-        tangent, rate_tangent = _derivative(self.rings), _derivative(velocity)
-        self.areas = _enclosed(self.rings, tangent)
-        self.area_rates = _enclosed(velocity, tangent) + _enclosed(self.rings, rate_tangent)
-        self.perimeters = np.mean(np.hypot(tangent[..., 0], tangent[..., 1]), axis=1)
+        tangent, rate_tangent = self.arcs.derivative(self.rings), self.arcs.derivative(velocity)
+        self.areas = self._enclosed(self.rings, tangent)
+        self.area_rates = self._enclosed(velocity, tangent) + self._enclosed(self.rings, rate_tangent)
+        lengths = np.linalg.norm(tangent[..., :2], axis=2)
+        self.perimeters = self.arcs.integral(lengths)
+        if shear is not None:
+            sizes = np.linalg.norm(self._evaluate(shear, z), axis=2)
+            self.shears = self.arcs.integral(sizes * lengths) / self.perimeters
 
     def local_flows(self, inflow: float) -> Array:
         """Return the flow (m3/s) through each station, from the inflow and the rates of area before it."""
@@ -68,19 +81,46 @@ class Sections:
         shear = 4 * viscosity * np.abs(self.local_flows(inflow)) / (np.pi * radius**3)
         return float(np.trapezoid(shear * self.perimeters) / np.trapezoid(self.perimeters))
 
-    def _evaluate(self, field: ng.CoefficientFunction, x: Array, y: Array, z: Array) -> Array:
-        values = np.asarray(field(self.system.domain.mesh(x.ravel(), y.ravel(), z.ravel())))
-        return values.reshape(*x.shape, -1)
+    def _enclosed(self, ring: Array, tangent: Array) -> Array:
+        """Half the integral of x dy - y dx: the enclosed area for a ring and its own tangent."""
+        return self.arcs.integral(ring[..., 0] * tangent[..., 1] - ring[..., 1] * tangent[..., 0]) / 2
+
+    def _evaluate(self, field: ng.CoefficientFunction, z: Array) -> Array:
+        values = np.asarray(field(self.system.domain.mesh(self._x.ravel(), self._y.ravel(), z.ravel())))
+        return values.reshape(*z.shape, -1)
 
 
-def _derivative(ring: Array) -> Array:
-    """Derivative along closed curves (stations, points, 3), by the parameter of period 1, through Fourier series."""
-    count = ring.shape[1]
-    wave = 2j * np.pi * np.fft.rfftfreq(count, 1 / count)
-    wave[-1] = 0.0  # the highest mode of an even number of points has no derivative at them
-    return np.fft.irfft(np.fft.rfft(ring, axis=1) * wave[None, :, None], count, axis=1)
+class Arcs:
+    """Closed curves of smooth arcs between corners, each sampled at Gauss points of its parameter from 0 to 1."""
+
+    def __init__(self, count: int, points: int) -> None:
+        self._count, self._points = count, points
+        nodes, weights = np.polynomial.legendre.leggauss(points)
+        self._nodes, self._weights = (nodes + 1) / 2, weights / 2
+        powers = np.vander(self._nodes, increasing=True)
+        slopes = np.hstack([np.zeros((points, 1)), powers[:, :-1] * np.arange(1, points)])
+        self._slope = slopes @ np.linalg.inv(powers)
+
+    def between(self, corners: Array) -> Array:
+        """Return the sampled points (points, dim) on the chords of a polygon (count, dim)."""
+        after = np.roll(corners, -1, axis=0)
+        share = self._nodes[None, :, None]
+        return np.asarray(((1 - share) * corners[:, None] + share * after[:, None]).reshape(-1, corners.shape[1]))
+
+    def derivative(self, curves: Array) -> Array:
+        """Return the derivative of curves (curves, points, dim) by the parameter of each arc."""
+        arcs = curves.reshape(len(curves), self._count, self._points, -1)
+        return np.asarray(np.einsum("ij,cajd->caid", self._slope, arcs).reshape(curves.shape))
+
+    def integral(self, values: Array) -> Array:
+        """Return the integrals of values (curves, points) over the parameters of all arcs."""
+        return np.asarray(np.sum(values.reshape(len(values), self._count, self._points) @ self._weights, axis=1))
 
 
-def _enclosed(ring: Array, tangent: Array) -> Array:
-    """Half the integral of x dy - y dx: the enclosed area for a ring and its own tangent."""
-    return np.asarray(np.mean(ring[..., 0] * tangent[..., 1] - ring[..., 1] * tangent[..., 0], axis=1) / 2)
+def _corners(system: System) -> Array:
+    """Return the corners (n, 2) of the straight mesh's lumen, in order around it: those of the inlet's rim."""
+    domain = system.domain
+    on = [{v for e in domain.boundaries(name).Elements() for v in e.vertices} for name in ("interface", "inlet")]
+    points = np.array([domain.mesh[v].point[:2] for v in on[0] & on[1]])
+    around = points - points.mean(axis=0)
+    return np.asarray(points[np.argsort(np.arctan2(around[:, 1], around[:, 0]))])

@@ -7,6 +7,7 @@ regions; the cell field `region` numbers the regions in the order of the field d
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -22,6 +23,9 @@ from ngfsi.output.table import explained
 FOLDER = "fields"
 DISPLACEMENT = "displacement_m"
 REGION = "region"
+STRESS, DEFORMATION = "stress_Pa", "deformation_gradient_1"
+"""Tensors of the solids, of which the invariants are written: hydrostatic pressure -tr(sigma)/3, and principal stresses
+and stretches, the largest first."""
 CELL_ORDER = 2
 """Higher ones make files large without being seen, and hardly any program but ParaView reads them."""
 
@@ -51,21 +55,31 @@ class FieldWriter:
         regions = list(domain.regions)
         self._regions = regions
         self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
-        self._times: list[float] = []
+        self._times: dict[str, list[float]] = {"volume": [], "wall": []}
 
-    def write(self, time: float, wall: WallSample) -> None:
-        """Store the present fields and the sampled wall as those of `time` [s].
+    def write(self, time: float) -> None:
+        """Store the present fields as those of `time` [s].
 
         Raises:
             OutputError: the files cannot be written.
         """
-        number = len(self._times)
-        self._times.append(time)
+        self._store("volume", time, self._volume)
+
+    def write_wall(self, time: float, wall: WallSample) -> None:
+        """Store the sampled wall as that of `time` [s].
+
+        Raises:
+            OutputError: the files cannot be written.
+        """
+        self._store("wall", time, lambda: wall_grid(wall))
+
+    def _store(self, name: str, time: float, make: Callable[[], pv.UnstructuredGrid]) -> None:
+        times = self._times[name]
+        times.append(time)
         with explained(self.folder / FOLDER):
             (self.folder / FOLDER).mkdir(exist_ok=True)
-            for name, grid in (("volume", self._volume()), ("wall", wall_grid(wall))):
-                self._save(grid, self.folder / FOLDER / f"{name}_{number:04d}.vtu")
-                write_index(self.folder / f"{name}.pvd", f"{FOLDER}/{name}_{{:04d}}.vtu", self._times)
+            self._save(make(), self.folder / FOLDER / f"{name}_{len(times) - 1:04d}.vtu")
+            write_index(self.folder / f"{name}.pvd", f"{FOLDER}/{name}_{{:04d}}.vtu", times)
 
     def _volume(self) -> pv.UnstructuredGrid:
         raw = self.folder / FOLDER / "unfinished"
@@ -82,6 +96,7 @@ class FieldWriter:
         written.unlink()
         _orient(grid)
         grid.points += grid.point_data[DISPLACEMENT]
+        _take_invariants(grid)
         grid.cell_data[REGION] = self._cell_regions
         grid.field_data["regions"] = self._regions
         return grid
@@ -102,12 +117,25 @@ def _orient(grid: pv.UnstructuredGrid) -> None:
         nodes[first[:, None] + np.arange(len(order))] = nodes[first[:, None] + order]
 
 
+def _take_invariants(grid: pv.UnstructuredGrid) -> None:
+    """Replace the tensors of the solids, if there are any, by what people look at."""
+    if STRESS in grid.point_data:
+        stress = np.asarray(grid.point_data.pop(STRESS)).reshape(-1, 3, 3)
+        grid.point_data["hydrostatic_pressure_Pa"] = -np.trace(stress, axis1=1, axis2=2) / 3
+        grid.point_data["principal_stresses_Pa"] = np.linalg.eigvalsh(stress)[:, ::-1]
+    if DEFORMATION in grid.point_data:
+        gradient = np.asarray(grid.point_data.pop(DEFORMATION)).reshape(-1, 3, 3)
+        grid.point_data["principal_stretches_1"] = np.linalg.svd(gradient, compute_uv=False)
+
+
 def wall_grid(wall: WallSample) -> pv.UnstructuredGrid:
     """Return the sampled wall as linear quadrilaterals with wall shear stress and pressure."""
     quads = np.column_stack([np.full(len(wall.quads), 4), wall.quads])
     types = np.full(len(wall.quads), pv.CellType.QUAD)
     grid = pv.UnstructuredGrid(quads.ravel(), types, wall.points.astype(np.float32))
     grid.point_data["wall_shear_Pa"] = wall.shear.astype(np.float32)
+    grid.point_data["wall_shear_axial_Pa"] = wall.tangential[:, 0].astype(np.float32)
+    grid.point_data["wall_shear_circumferential_Pa"] = wall.tangential[:, 1].astype(np.float32)
     grid.point_data["wall_shear_magnitude_Pa"] = np.linalg.norm(wall.shear, axis=1).astype(np.float32)
     grid.point_data["pressure_Pa"] = wall.pressure.astype(np.float32)
     return grid

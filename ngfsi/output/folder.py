@@ -5,6 +5,7 @@
     series.csv      one row of quantities per step, SI units in the column names, `_1` for pure numbers
     costs.csv       iterations, factorisations and seconds of each step: what differs between two equal runs
     outlines.csv    cross-sections of the deformed lumen
+    shape.csv       their area, perimeter, axes ... perpendicular to the vein (see measure/shape.py)
     volume.pvd, wall.pvd, fields/   fields for ParaView (see fields.py)
     run.log         what happened, with the seconds since the start
 
@@ -28,7 +29,7 @@ from ngfsi.output.provenance import commit, machine, now, versions
 from ngfsi.output.table import TableWriter, explained
 
 CASE, MANIFEST, LOG = "case.toml", "manifest.json", "run.log"
-SERIES, COSTS, OUTLINES = "series.csv", "costs.csv", "outlines.csv"
+SERIES, COSTS, OUTLINES, SHAPE = "series.csv", "costs.csv", "outlines.csv", "shape.csv"
 
 Status = Literal["running", "completed", "failed", "interrupted"]
 
@@ -47,6 +48,7 @@ class RunFolder:
         self._series = TableWriter(path / SERIES)
         self._costs = TableWriter(path / COSTS)
         self._outlines = TableWriter(path / OUTLINES)
+        self._shape = TableWriter(path / SHAPE)
 
     @classmethod
     def create(cls, path: Path, case: Case) -> Self:
@@ -87,6 +89,10 @@ class RunFolder:
         for (station, point), (x, y, z) in zip(np.ndindex(rings.shape[:2]), rings.reshape(-1, 3), strict=True):
             rows.append({"time_s": time, "station": station, "point": point, "x_m": x, "y_m": y, "z_m": z})
         self._outlines.append(*rows)
+
+    def record_shape(self, rows: list[dict[str, float]]) -> None:
+        """Append the shapes of cross-sections at one time to shape.csv."""
+        self._shape.append(*rows)
 
     def log(self, text: str) -> None:
         """Append a line to run.log, with the seconds since the start."""

@@ -13,8 +13,12 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.errors import OutputError
-from ngfsi.output.folder import CASE, COSTS, MANIFEST, OUTLINES, SERIES
+from ngfsi.measure.shear_history import ShearHistory
+from ngfsi.output.folder import CASE, COSTS, MANIFEST, OUTLINES, SERIES, SHAPE
 from ngfsi.output.table import explained, read_table
+
+SAME_TIME = 1e-9
+"""Seconds."""
 
 Which = Literal["volume", "wall"]
 Columns = dict[str, NDArray[np.float64]]
@@ -46,6 +50,11 @@ class StoredRun:
     def costs(self) -> Columns:
         """Effort of each step by column."""
         return read_table(self.path / COSTS)
+
+    @cached_property
+    def shape(self) -> Columns:
+        """Shape of the lumen in cross-sections by column, a row per written time and station."""
+        return read_table(self.path / SHAPE)
 
     @cached_property
     def _outlines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -81,6 +90,35 @@ class StoredRun:
             raise OutputError(f"the run in '{self.path}' holds no fields of the {which} yet")
         reader.set_active_time_value(min(reader.time_values, key=lambda stored: abs(stored - time)))
         return reader.read()[0]
+
+    def wall_history(self, start: float = 0.0, end: float = float("inf")) -> Any:
+        """Return the wall's inner surface with averages over a time, as a pyvista mesh.
+
+        Point fields are `TAWSS_Pa`, `OSI_1` and `RRT_1_Pa` (see `ShearHistory`), at material points; the shape is that
+        at the last time.
+
+        Args:
+            start, end: s, e.g. of the last period; the stored times between them count.
+
+        Raises:
+            OutputError: fewer than two states of the wall are stored then.
+        """
+        times = [time for time in self.field_times("wall") if start - SAME_TIME <= time <= end + SAME_TIME]
+        if len(times) < 2:
+            raise OutputError(
+                f"the run in '{self.path}' holds {len(times)} states of the wall from {start:g} to {end:g} s: averages "
+                "need two or more"
+            )
+        shear = []
+        for time in times:
+            wall = self.fields(time, "wall")
+            parts = [wall.point_data[f"wall_shear_{way}_Pa"] for way in ("axial", "circumferential")]
+            shear.append(np.stack(parts, axis=1).astype(float))
+        found = ShearHistory.of(np.array(times), np.array(shear))
+        wall.clear_data()
+        for name, values in (("TAWSS_Pa", found.tawss), ("OSI_1", found.osi), ("RRT_1_Pa", found.rrt)):
+            wall.point_data[name] = values
+        return wall
 
     def _fields(self, which: Which) -> Any:
         import pyvista  # takes a second to import, which reading a series need not wait for

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol, TypeAlias
 
-from ngsolve import Det, IfPos, InnerProduct
+from ngsolve import CoefficientFunction, Det, IfPos, InnerProduct
 
 from ngfsi.physics.kinematics import Kinematics, in_space
 
@@ -70,6 +70,17 @@ def hydrostatic_pressure(law: StoredEnergy, F: CF, across: CF = 1) -> CF:
     """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J; `across`: stretch across a plane."""
     F = in_space(F, across)
     return -law.variation(F, F) / (3 * Det(F))
+
+
+def cauchy_stress(law: StoredEnergy, F: CF) -> CF:
+    """sigma = P F^T / J (Pa, 3x3): sigma : E = P : (E F) / J for each unit tensor E, the symmetric ones once."""
+    F = in_space(F, 1)
+    entries: dict[tuple[int, int], Any] = {}
+    for i in range(3):
+        for j in range(i, 3):
+            unit = CoefficientFunction(tuple(float((a, b) == (i, j)) for a in range(3) for b in range(3)), dims=(3, 3))
+            entries[i, j] = entries[j, i] = law.variation(F, unit * F) / Det(F)
+    return CoefficientFunction(tuple(entries[i, j] for i in range(3) for j in range(3)), dims=(3, 3))
 
 
 def inertia(density: float | CF, acceleration: CF, v: CF) -> CF:
@@ -137,9 +148,6 @@ def relative_flux(k: Kinematics, w: CF, normal: CF) -> CF:
     return InnerProduct(w, k.cof * normal)
 
 
-def wall_shear(stress: CF, k: Kinematics, normal: CF) -> CF:
-    """Tangential part of the viscous traction on the deformed face (Pa, vector); `normal` may point either way."""
-    area = k.cof * normal
-    n = area / (InnerProduct(area, area) ** 0.5)
-    traction = stress * n
-    return traction - InnerProduct(traction, n) * n
+def tangential(traction: CF, normal: CF) -> CF:
+    """Part of a traction (vector, Pa) in the face with a unit normal, which may point either way: its shear stress."""
+    return traction - InnerProduct(traction, normal) * normal

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
+from ngfsi.measure.sections import Sections
+from ngfsi.measure.shape import Shape
 from ngfsi.solve.system import System
 from tests.vein import BLOOD, BONED, TISSUE, case_of, position, system_of
 
@@ -75,9 +77,10 @@ def test_volume_ratio_and_displacement(probe: Probe) -> None:
 def test_cross_sections(probe: Probe) -> None:
     """Ellipses, shifted from plane to plane."""
     area = np.pi * RADIUS**2 * np.linalg.det(F[:2, :2])
-    sections, tolerance = probe.sections, 1.2 * circle_error(probe.system)
+    sections, tolerance = probe.sections, 5 * circle_error(probe.system)
     assert sections.areas == pytest.approx(np.full(11, area), rel=tolerance)
-    assert sections.rings[..., 2] == pytest.approx(np.repeat(sections.heights, 96).reshape(11, 96), abs=1e-12 * LENGTH)
+    for height, ring in zip(sections.heights, sections.rings, strict=True):
+        assert ring[:, 2] == pytest.approx(np.full(len(ring), height), abs=1e-12 * LENGTH)
     assert sections.rings[10].mean(axis=0)[:2] == pytest.approx(LENGTH * F[:2, 2], rel=1e-3)
     angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
     ellipse = F[:2, :2] @ np.array([-np.sin(angle), np.cos(angle)]) * RADIUS
@@ -85,16 +88,45 @@ def test_cross_sections(probe: Probe) -> None:
     assert sections.perimeters == pytest.approx(np.full(11, perimeter), rel=2 * tolerance)
 
 
+def test_shape_perpendicular_to_the_axis(probe: Probe) -> None:
+    """An oblique cylinder, looked at along its axis, is an ellipse with the singular values of the map as semi-axes."""
+    axis = F[:, 2] / np.linalg.norm(F[:, 2])
+    axes, semi, _ = np.linalg.svd((np.eye(3) - np.outer(axis, axis)) @ F[:, :2] * RADIUS)
+    angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    perimeter = 2 * np.pi * np.hypot(semi[0] * np.sin(angle), semi[1] * np.cos(angle)).mean()
+    found, rel = Shape.of(probe.sections), 5 * circle_error(probe.system)
+    assert found.axis == pytest.approx(np.tile(axis, (11, 1)), abs=2e-3)
+    assert found.area == pytest.approx(np.full(11, np.pi * semi[0] * semi[1]), rel=rel)
+    assert found.perimeter == pytest.approx(np.full(11, perimeter), rel=rel)
+    assert found.hydraulic_diameter == pytest.approx(4 * found.area / perimeter, rel=rel)
+    assert found.circularity == pytest.approx(4 * np.pi * found.area / perimeter**2, rel=2 * rel)
+    assert found.major == pytest.approx(np.full(11, semi[0]), rel=10 * rel)
+    assert found.minor == pytest.approx(np.full(11, semi[1]), rel=10 * rel)
+    first = np.array([1, 0, 0]) - axis[0] * axis
+    along = axes[:, 0] * np.sign(axes[0, 0])
+    expected = np.arctan2(along @ np.cross(axis, first) / np.linalg.norm(first), along @ first / np.linalg.norm(first))
+    assert found.angle == pytest.approx(np.full(11, expected), abs=0.02)
+    assert found.centre == pytest.approx(np.outer(probe.sections.heights, F[:, 2]), abs=1e-3 * RADIUS)
+
+
+def test_areas_integrate_to_the_volume_of_the_discrete_lumen(probe: Probe) -> None:
+    """At Gauss points of the one layer of elements along the axis, to rounding."""
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    sections = Sections(probe.system, LENGTH * (nodes + 1) / 2)
+    sections.refresh()
+    assert LENGTH * np.dot(weights / 2, sections.areas) == pytest.approx(probe.integral("lumen volume"), rel=1e-9)
+
+
 def test_flow_along_the_vein(probe: Probe) -> None:
     """Blood that the shrinking sections before a station expel is added to the inflow."""
     area, rate = np.pi * RADIUS**2 * np.linalg.det(F[:2, :2]), np.trace(A[:2, :2])
     flows = FLOW - rate * area * probe.sections.heights
     tolerance = circle_error(probe.system)
-    assert probe.sections.local_flows(FLOW) - FLOW == pytest.approx(flows - FLOW, rel=1.2 * tolerance)
+    assert probe.sections.local_flows(FLOW) - FLOW == pytest.approx(flows - FLOW, rel=3.5 * tolerance)
     diameter = np.sqrt(4 * area / np.pi)
     entering = row(probe)["flow_in_m3_s"]  # of this velocity field, held against its closed form elsewhere
     reynolds = BLOOD.density * np.abs(flows - FLOW + entering).max() / area * diameter / BLOOD.viscosity
-    assert row(probe)["reynolds_1"] == pytest.approx(reynolds, rel=2 * tolerance)
+    assert row(probe)["reynolds_1"] == pytest.approx(reynolds, rel=4 * tolerance)
 
 
 def test_wall_shear(probe: Probe) -> None:
@@ -114,16 +146,50 @@ def test_wall_shear(probe: Probe) -> None:
     assert found.largest == pytest.approx(shear.max(), rel=20 * tolerance)
 
 
+def test_wall_shear_around_stations(probe: Probe) -> None:
+    """Mean over the outline of each section, by arc length: the field is the same in all of them."""
+    angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
+    n = np.linalg.inv(F).T @ np.array([np.cos(angle), np.sin(angle), 0 * angle])
+    n /= np.linalg.norm(n, axis=0)
+    traction = BLOOD.viscosity * (A + A.T) @ n
+    shear = np.linalg.norm(traction - np.sum(traction * n, axis=0) * n, axis=0)
+    lengths = np.linalg.norm(F[:2, :2] @ np.array([-np.sin(angle), np.cos(angle)]), axis=0)
+    mean = np.sum(shear * lengths) / np.sum(lengths)
+    assert abs(shear.mean() / mean - 1) > 0.02
+    assert probe.sections.shears == pytest.approx(
+        np.full(11, mean), rel={2: 5e-3, 3: 1e-3}[probe.system.unknowns.order]
+    )
+
+
+def test_share_of_low_wall_shear(probe: Probe) -> None:
+    """Between the extremes it grows from nothing to all; at the median of the exact stress it is a half."""
+    angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
+    areas = np.linalg.inv(F).T @ np.array([np.cos(angle), np.sin(angle), 0 * angle])
+    stretch = np.linalg.norm(areas, axis=0)
+    n = areas / stretch
+    traction = BLOOD.viscosity * (A + A.T) @ n
+    shear = np.linalg.norm(traction - np.sum(traction * n, axis=0) * n, axis=0)
+    order = np.argsort(shear)
+    median = shear[order][np.searchsorted(np.cumsum(stretch[order]), stretch.sum() / 2)]
+    shares = [probe.wall.statistics(t).low for t in (0.9 * shear.min(), median, 1.1 * shear.max())]
+    assert shares == pytest.approx([0.0, 0.5, 1.0], abs=0.05)
+
+
 def test_sampled_wall(probe: Probe) -> None:
     sample = probe.wall.sample(3)
     back = sample.points @ np.linalg.inv(F).T
     assert np.hypot(back[:, 0], back[:, 1]) == pytest.approx(np.full(len(back), RADIUS), rel=5e-3)
     n = back * [1, 1, 0] @ np.linalg.inv(F)
     n /= np.linalg.norm(n, axis=1)[:, None]
-    traction = BLOOD.viscosity * n @ (A + A.T)
+    traction = -BLOOD.viscosity * n @ (A + A.T)
     shear = traction - np.sum(traction * n, axis=1)[:, None] * n
     assert np.linalg.norm(sample.shear - shear, axis=1).max() < 0.1 * np.linalg.norm(shear, axis=1).max()
     assert sample.quads.max() == len(sample.points) - 1
+    # along the material line that was parallel to the axis, and across it on the wall
+    along = F[:, 2] / np.linalg.norm(F[:, 2])
+    around = np.cross(along, n)
+    expected = np.stack([shear @ along, np.sum(shear * around, axis=1)], axis=1)
+    assert np.abs(sample.tangential - expected).max() < 0.1 * np.abs(expected).max()
 
 
 def test_hydrostatic_pressure(probe: Probe) -> None:

@@ -57,11 +57,13 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
         stretch = np.sqrt(INFLATION * (1 - loss * min(time, 1.0)))
         folder.record(_row(case, time, stretch))
         folder.record_outlines(time, _rings(stretch))
+        folder.record_shape(_shape(time, stretch))
         if number:
             folder.record_cost({"step": number, "time_s": time, "iterations": 4, "factorisations": 1, "wall_s": 0.5})
+        writer.write_wall(time, wall_sample(stretch))
         if number == 0 or time >= case.time.end - 1e-9:
             displacement.Set(_contraction(stretch))
-            writer.write(time, wall_sample(stretch))
+            writer.write(time)
     folder.finish(status, "" if status == "completed" else "the step at 1.5 s did not converge")  # type: ignore[arg-type]
     return open_run(path)
 
@@ -99,6 +101,14 @@ def _rings(stretch: float) -> NDArray[np.float64]:
     return np.array([np.add(ring, (0, 0, z)) for z in np.linspace(0, GEOMETRY.length, 11)])
 
 
+def _shape(time: float, stretch: float) -> list[dict[str, float]]:
+    radius = GEOMETRY.lumen_radius * stretch
+    return [
+        {"time_s": time, "station": i, "centre_z_m": z, "area_m2": np.pi * radius**2, "circularity_1": 0.99}
+        for i, z in enumerate(np.linspace(0, GEOMETRY.length, 11))
+    ]
+
+
 def _contraction(stretch: float) -> ng.CF:
     """Displacement (1 - stretch) R towards the vein's axis at its wall, decaying as 1/r outside."""
     (x0, y0), radius = GEOMETRY.vein_centre, GEOMETRY.lumen_radius
@@ -116,4 +126,4 @@ def wall_sample(stretch: float) -> WallSample:
     quads = np.column_stack([first, first + 1, first + around + 1, first + around])
     shear = np.zeros_like(points)
     shear[:, 2] = 0.08 / stretch**3 * (1 + 0.3 * z.ravel() / GEOMETRY.length)
-    return WallSample(points, quads, shear, np.full(len(points), 1333.0))
+    return WallSample(points, quads, shear, np.full(len(points), 1333.0), shear[:, [2, 0]])

@@ -1,0 +1,95 @@
+"""Shape of the lumen in sections perpendicular to the vein's axis, wherever that leads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from ngfsi.measure.sections import Sections
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Of each station; SI.
+
+    Attributes:
+        centre: (stations, 3) centroid.
+        axis: (stations, 3) unit tangent of the curve through the centroids.
+        area, perimeter: m2, m
+        hydraulic_diameter: 4 area / perimeter (m).
+        circularity: 4 pi area / perimeter^2, 1 for a circle (Cox, J Paleontology 1, 1927).
+        major, minor: semi-axes (m) of the ellipse with the same area and ratio of second moments.
+        angle: of the major axis against x in the section's plane (rad), from -pi/2 to pi/2.
+    """
+
+    centre: Array
+    axis: Array
+    area: Array
+    perimeter: Array
+    hydraulic_diameter: Array
+    circularity: Array
+    major: Array
+    minor: Array
+    angle: Array
+
+    @classmethod
+    def of(cls, sections: Sections) -> Shape:
+        """Return the shape in a refreshed set of two sections or more.
+
+        Their outlines, in planes z = const, are looked at along the axis: exact where the vein is a cylinder, straight
+        or oblique, from one side of the outline to the other.
+        """
+        rings, arcs = sections.rings, sections.arcs
+        tangents = arcs.derivative(rings)
+        centre = np.stack([np.mean(ring, axis=0) for ring in rings])
+        for _ in range(2):  # the centroid is known once the plane is, which needs the axis: a rough one first
+            axis = CubicSpline(sections.heights, centre)(sections.heights, 1)
+            axis /= np.linalg.norm(axis, axis=1)[:, None]
+            first = np.array([1.0, 0.0, 0.0]) - axis[:, :1] * axis
+            first /= np.linalg.norm(first, axis=1)[:, None]
+            second = np.cross(axis, first)
+            x, y = (np.einsum("spk,sk->sp", rings - centre[:, None], way) for way in (first, second))
+            dx, dy = (np.einsum("spk,sk->sp", tangents, way) for way in (first, second))
+            area = arcs.integral(x * dy - y * dx) / 2
+            offsets = arcs.integral(x**2 * dy) / (2 * area), -arcs.integral(y**2 * dx) / (2 * area)
+            centre = centre + offsets[0][:, None] * first + offsets[1][:, None] * second
+        x, y = x - offsets[0][:, None], y - offsets[1][:, None]
+        xx, yy, xy = (arcs.integral(f) for f in (x**3 * dy / 3, -(y**3) * dx / 3, x**2 * y * dy / 2))
+        perimeter = arcs.integral(np.hypot(dx, dy))
+        spread, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
+        ratio = np.sqrt((mean + spread) / (mean - spread))
+        size = np.sqrt(area / np.pi)
+        return cls(
+            centre=centre,
+            axis=axis,
+            area=area,
+            perimeter=perimeter,
+            hydraulic_diameter=4 * area / perimeter,
+            circularity=4 * np.pi * area / perimeter**2,
+            major=size * np.sqrt(ratio),
+            minor=size / np.sqrt(ratio),
+            angle=np.arctan2(2 * xy, xx - yy) / 2,
+        )
+
+    def rows(self, time: float) -> list[dict[str, float]]:
+        """Return a row of a table for each station; time in s."""
+        return [
+            {
+                "time_s": time,
+                "station": station,
+                **{f"centre_{name}_m": float(self.centre[station, i]) for i, name in enumerate("xyz")},
+                "area_m2": float(self.area[station]),
+                "perimeter_m": float(self.perimeter[station]),
+                "hydraulic_diameter_m": float(self.hydraulic_diameter[station]),
+                "circularity_1": float(self.circularity[station]),
+                "major_semiaxis_m": float(self.major[station]),
+                "minor_semiaxis_m": float(self.minor[station]),
+                "major_angle_rad": float(self.angle[station]),
+            }
+            for station in range(len(self.area))
+        ]

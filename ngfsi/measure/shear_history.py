@@ -1,0 +1,51 @@
+"""Wall shear stress over time at material points of the moving wall: TAWSS, OSI, RRT.
+
+The stress is taken by its components along and around the vein on the wall (`WallSample.tangential`), so that a wall
+that turns does not look like a stress that turns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ShearHistory:
+    """Of each point.
+
+    Attributes:
+        tawss: time-averaged wall shear stress, mean of |tau| (Pa).
+        osi: oscillatory shear index, (1 - |mean of tau| / mean of |tau|) / 2, from 0 to 1/2 (He and Ku, J Biomech Eng
+            118, 1996); 0 where there is no stress.
+        rrt: relative residence time, 1 / ((1 - 2 OSI) TAWSS) (1/Pa; Himburg et al., Ann Biomed Eng 32, 2004); infinite
+            where the mean of tau vanishes.
+    """
+
+    tawss: Array
+    osi: Array
+    rrt: Array
+
+    @classmethod
+    def of(cls, times: Array, shear: Array) -> ShearHistory:
+        """Return the averages over time, by the trapezoidal rule.
+
+        Args:
+            times: (n,) s, increasing, at least two.
+            shear: (n, points, components) Pa.
+
+        Raises:
+            ValueError: fewer than two times, or as many times as stresses are not given.
+        """
+        if len(times) < 2 or len(times) != len(shear):
+            raise ValueError(f"averages need two times or more, with a stress each: {len(times)}, {len(shear)}")
+        span = times[-1] - times[0]
+        size = np.trapezoid(np.linalg.norm(shear, axis=2), times, axis=0) / span
+        vector = np.linalg.norm(np.trapezoid(shear, times, axis=0) / span, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            osi = np.where(size > 0, (1 - vector / size) / 2, 0.0)
+            return cls(size, osi, np.where(vector > 0, 1 / vector, np.inf))

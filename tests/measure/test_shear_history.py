@@ -1,0 +1,39 @@
+"""Averages over a period of known stresses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ngfsi.measure.shear_history import ShearHistory
+
+TIMES = np.linspace(0.0, 2.0, 4001)
+PHASE = np.pi * TIMES
+
+
+def test_reversing_stress() -> None:
+    """a + b cos with b > a reverses; mean of |a + b cos| = 2/pi (a asin(a/b) + sqrt(b^2 - a^2))."""
+    a, b = 0.3, 0.8
+    shear = np.stack([a + b * np.cos(PHASE), 0 * PHASE], axis=-1)[:, None]
+    found = ShearHistory.of(TIMES, shear)
+    mean = 2 / np.pi * (a * np.arcsin(a / b) + np.sqrt(b**2 - a**2))
+    assert found.tawss == pytest.approx(mean, rel=1e-6)
+    assert found.osi == pytest.approx((1 - a / mean) / 2, rel=1e-6)
+    assert found.rrt == pytest.approx(1 / a, rel=1e-9)
+
+
+def test_limits() -> None:
+    """A turning stress has the index 1/2 and stays for ever, a steady one 0; none has none."""
+    steady, turning = np.full((4001, 2), 0.5), np.stack([np.cos(PHASE), np.sin(PHASE)], axis=-1)
+    found = ShearHistory.of(TIMES, np.stack([steady, turning, 0 * steady], axis=1))
+    assert found.tawss == pytest.approx([np.sqrt(0.5), 1.0, 0.0], rel=1e-9)
+    assert found.osi == pytest.approx([0.0, 0.5, 0.0], abs=1e-9)
+    assert found.rrt[0] == pytest.approx(np.sqrt(2.0), rel=1e-9)
+    assert found.rrt[1] > 1e12
+    assert np.isinf(found.rrt[2])
+
+
+def test_uneven_times() -> None:
+    """A stress that grows linearly has its middle as mean, however the times lie."""
+    times = np.array([0.0, 0.1, 0.7, 1.0])
+    assert ShearHistory.of(times, times[:, None, None] * np.ones(2)).tawss == pytest.approx(np.sqrt(2) / 2, rel=1e-12)
