@@ -440,8 +440,8 @@ def _together(both: Identified, first: Recovered) -> str:
     return (
         f"From the areas of calf and vein under a known {first.truth.pressure:.0f} Pa on the skin, starting 20 and "
         f"5 % off: K = {both.values[0] / 1e3:.3f} kPa of {tissue.K / 1e3:.3f}, c10 = {both.values[1] / 1e3:.3f} kPa of "
-        f"{tissue.c10 / 1e3:.3f}, in {both.solves} equilibria. Correlation of the two {both.correlation[0, 1]:+.3f}; an "
-        f"error of 1 % of each loss of area makes {both.uncertainty[0]:.2f} % of K and {both.uncertainty[1]:.2f} % "
+        f"{tissue.c10 / 1e3:.3f}, in {both.solves} equilibria. Correlation of the two {both.correlation[0, 1]:+.3f}; "
+        f"an error of 1 % of each loss of area makes {both.uncertainty[0]:.2f} % of K and {both.uncertainty[1]:.2f} % "
         "of c10. The displacement alone cannot give both: without a force only their ratio matters."
     )
 
