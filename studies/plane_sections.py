@@ -27,7 +27,7 @@ from ngfsi.output.summary import console
 from ngfsi.output.table import explained, write_rows
 from ngfsi.statics import equilibrium, load_path, section_case
 from ngfsi.study import markdown_table
-from ngfsi.units import to_si
+from ngfsi.units import from_si, to_si
 
 PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_text())["plane_sections"]
 
@@ -51,7 +51,7 @@ class Level(NamedTuple):
 
 
 LEVELS = {"demo": Level(3, 1.0), "paper": Level(4, 0.8), "fine": Level(5, 0.6)}
-SHARES = {"small": (1.0,), "finite": (0.25, 0.5, 0.625, 0.75, 0.875, 1.0)}
+SHARES = {"small": (0.5, 1.0), "finite": (0.25, 0.5, 0.625, 0.75, 0.875, 1.0)}
 """Shares of the loads on the way: at finite strain the vein may buckle on it."""
 
 
@@ -193,6 +193,8 @@ def write_report(level: str, folder: Path, findings: Sequence[Finding], needed: 
         _strains(findings),
         "## Pressure that plane strain would need",
         _needed(needed),
+        "## What the numbers say",
+        _meaning(),
         "## Pictures",
         *pictures,
         "All numbers: [results.csv](results.csv).",
@@ -331,12 +333,30 @@ def _strains(findings: Sequence[Finding]) -> str:
 
 
 def _needed(needed: Mapping[int, float]) -> str:
-    values = ", ".join(f"{value / to_si(1, 'mmHg'):.0f}" for value in needed.values())
+    values = ", ".join(f"{from_si(value, 'mmHg'):.0f}" for value in needed.values())
     return (
         "In model C at small strain the measured loss of the vein takes "
         f"{values} mmHg on the skin (subjects {', '.join(map(str, needed))}); the study: more than "
         f"{PRINTED['plane_strain_pressure_needed_mmHg']:g} mmHg. Linear elasticity does not know that a vein of no "
         "area cannot close further."
+    )
+
+
+def _meaning() -> str:
+    nu, young, p = PRINTED["poisson"], PRINTED["muscle_young_kPa"], to_si(PRINTED["skin_pressure_mmHg"], "mmHg") / 1e3
+    strain = 200 * (1 + nu) * (1 - 2 * nu) * p / young
+    stress = 200 * (1 - nu) * p / young
+    measured, found = PRINTED["calf_area_reduction_percent"]["measured"]["mean"], PRINTED["calf_area_reduction_percent"]
+    return (
+        f"- A disc without bones and vein loses 2 (1 + nu)(1 - 2 nu) p / E = {strain:.2f} % of its area in plane strain "
+        f"and 2 (1 - nu) p / E = {stress:.1f} % in plane stress, whatever its size. The printed "
+        f"{np.mean(found['C']):.2f} and {found['A']['mean']:g} % are {np.mean(found['C']) / strain:.2f} and "
+        f"{found['A']['mean'] / stress:.2f} of that; bones and vein of the synthetic subjects leave more of it. Larger "
+        "bones, or a smaller load than stated, would lower both.\n"
+        f"- The measured loss of the calf ({measured:g} %) is that of plane strain, the measured loss of the vein is "
+        "not: no single choice gives both, at small strain as at finite strain.\n"
+        "- Where the tissue's pressure is read matters more than the model: the wall, ten times as stiff, carries a "
+        "hoop compression of several kPa."
     )
 
 

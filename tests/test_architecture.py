@@ -13,7 +13,7 @@ ROOT = Path(ngfsi.__file__).parent
 ORDER = (
     "errors", "stopwatch", "units", "complaint", "section", "columns", "outline", "displacement", "curves", "builders",
     "materials", "case", "curving", "meshing", "domain", "physics", "solve", "statics", "measure", "calibrate",
-    "registration", "output", "run", "study", "bench", "verify", "cli",
+    "registration", "waveform", "rigid", "output", "run", "study", "bench", "verify", "cli",
 )  # fmt: skip
 
 
