@@ -346,10 +346,11 @@ def _meaning() -> str:
     nu, young, p = PRINTED["poisson"], PRINTED["muscle_young_kPa"], to_si(PRINTED["skin_pressure_mmHg"], "mmHg") / 1e3
     strain = 200 * (1 + nu) * (1 - 2 * nu) * p / young
     stress = 200 * (1 - nu) * p / young
-    measured, found = PRINTED["calf_area_reduction_percent"]["measured"]["mean"], PRINTED["calf_area_reduction_percent"]
+    found = PRINTED["calf_area_reduction_percent"]
+    measured = found["measured"]["mean"]
     return (
-        f"- A disc without bones and vein loses 2 (1 + nu)(1 - 2 nu) p / E = {strain:.2f} % of its area in plane strain "
-        f"and 2 (1 - nu) p / E = {stress:.1f} % in plane stress, whatever its size. The printed "
+        f"- A disc without bones and vein loses 2 (1 + nu)(1 - 2 nu) p / E = {strain:.2f} % of its area in plane "
+        f"strain and 2 (1 - nu) p / E = {stress:.1f} % in plane stress, whatever its size. The printed "
         f"{np.mean(found['C']):.2f} and {found['A']['mean']:g} % are {np.mean(found['C']) / strain:.2f} and "
         f"{found['A']['mean'] / stress:.2f} of that; bones and vein of the synthetic subjects leave more of it. Larger "
         "bones, or a smaller load than stated, would lower both.\n"

@@ -354,6 +354,7 @@ def _cycles(folder: Path, found: Sequence[Finding], cycle: Cycle) -> str:
         f"![wall shear stress over a cycle](cycle.png)\n\nSubject {PULSATILE} before compression, over cycles whose "
         "flow is the ensemble mean of noisy breaths found in a synthetic signal: "
         f"{state}, changes from cycle to cycle {changes}. "
-        f"TAWSS at points of the wall: mean {tawss.mean():.3f}, {tawss.min():.3f} to {tawss.max():.3f} Pa{steady_text}. "
+        f"TAWSS at points of the wall: mean {tawss.mean():.3f}, {tawss.min():.3f} to {tawss.max():.3f} Pa"
+        f"{steady_text}. "
         f"OSI: mean {osi.mean():.4f}, at most {osi.max():.4f}."
     )

@@ -38,7 +38,7 @@ def test_cycles_of_a_noisy_signal() -> None:
 
 def test_harmonics_do_not_count_as_cycles() -> None:
     times = np.arange(0.0, 60.0, 0.1)
-    found = ensemble(times, np.sin(2 * np.pi * times / 6) + 0.7 * np.sin(4 * np.pi * times / 6))
+    found = ensemble(times, np.sin(2 * np.pi * times / 6) + 1.5 * np.sin(4 * np.pi * times / 6))
     assert found.period == pytest.approx(6.0, rel=5e-3)
     assert np.diff(found.starts) == pytest.approx([6.0] * (len(found.starts) - 1), abs=0.11)
 
