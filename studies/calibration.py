@@ -367,9 +367,10 @@ def _moduli(folder: Path, found: Sequence[Recovered]) -> str:
     rows = [
         (
             str(f.subject), f"{100 * f.truth.calf:.2f}", f"{f.true_bulk / 1e3:.2f}", f"{100 * f.truth.vein:.1f}",
-            f"{reduction[0]:.1f}", most, f"{from_si(f.truth.pressure, 'mmHg'):.1f}",
+            f"{PRINTED['area_reduction_simulated_percent'][f.subject - 1][0]:.1f}", most,
+            f"{from_si(f.truth.pressure, 'mmHg'):.1f}",
         )
-        for f, reduction, most in zip(found, PRINTED["area_reduction_simulated_percent"], highest, strict=True)
+        for f, most in zip(found, highest, strict=True)
     ]  # fmt: skip
     head = ("subject", "calf loses, %", "K printed, kPa", "vein loses with it, %", "printed, %",
             "with the largest K tried, %", "skin pressure at K printed, mmHg")  # fmt: skip
@@ -377,7 +378,7 @@ def _moduli(folder: Path, found: Sequence[Recovered]) -> str:
         "![loss of area over K](modulus.png)\n\n"
         + markdown_table(head, rows)
         + "\nLarger K, larger loss, as in the study. But in these sections the printed K and the printed loss of the "
-        "calf's area give the vein far less than the printed loss: under plane strain 2 % of the calf's area goes "
+        "calf's area give the vein far less than the printed loss: under plane strain the calf's loss goes "
         "nearly evenly into all tissue when K is of the order of its shear modulus (7 kPa), and K would have to be far "
         "larger for the vein to take it. The study's displacements are not uniform, its section had more veins, and "
         "its sections are not known: which of these closes the gap cannot be told from the printed numbers. At the "

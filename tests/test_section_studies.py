@@ -20,6 +20,7 @@ def test_printed_discrepancies_recomputed() -> None:
     assert D[:, 1].mean() == pytest.approx(10.1, abs=0.1)
     assert [D[0].max(), D[1].max(), D[3].max()] == pytest.approx([8.4, 15.9, 21.1], abs=0.4)
     assert D[2, 2] == pytest.approx(35.2, abs=0.1)
+    assert "| 10 mm | 35.2 / 22.4 |" in calibration._statistics()
 
 
 def test_polygons_fall_short_by_their_number_of_points() -> None:
@@ -52,6 +53,28 @@ def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.Monk
     assert float(rows["A", "small"]["calf_area_reduction_1"]) > 10 * disc
     assert "| the vein loses least in C | 1 of 1 | 1 of 1 |" in text
     for picture in ("displacement", "pressure", "load"):
+        assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_a_tiny_study_of_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One coarse subject: its skin is registered to a tenth of a millimetre, and its K comes back."""
+    monkeypatch.setitem(calibration.LEVELS, "demo", calibration.Level(2, 1.6))
+    monkeypatch.setattr(calibration, "SUBJECTS", (1,))
+    monkeypatch.setattr(calibration, "MODULI", (10e3, 40e3))
+    monkeypatch.setitem(calibration.PRINTED, "section_distance_mm", [0, 6])
+    one = [row[:2] for row in calibration.PRINTED["bulk_modulus_by_section_kPa"]]
+    monkeypatch.setitem(calibration.PRINTED, "bulk_modulus_by_section_kPa", one)
+    monkeypatch.setattr(calibration, "_statistics", lambda: "")
+    text = calibration.study("demo", tmp_path, quiet=True).read_text()
+    with (tmp_path / "results.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["registration_rms_m"]) < 0.1e-3
+    assert float(row["K_Pa"]) == pytest.approx(28.45e3, rel=0.03)
+    assert int(row["equilibria_1"]) <= 6
+    assert abs(float(row["calf_area_gap_1"])) < 1e-4  # the study: 0.5 %
+    assert float(row["vein_loss_true_6mm_1"]) > 0.05
+    assert "cannot be told apart" in text
+    for picture in ("modulus", "uniaxial"):
         assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
 
 
