@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,7 +51,8 @@ def steady(case: Case, domain: Domain | None = None) -> System:
         SolverError: no steady flow was found.
     """
     system = System(case, domain or Domain.build(case.geometry))
-    steady_flow(system, choose_backend(case.solver.linear))
+    with ng.TaskManager():
+        steady_flow(system, choose_backend(case.solver.linear))
     return system
 
 
