@@ -20,6 +20,7 @@ from pydantic_core import PydanticCustomError
 from ngfsi.builders import find_builder, path_of
 from ngfsi.complaint import key_error
 from ngfsi.curves import FlowConstant, FlowCurve, PressureConstant, PressureCurve
+from ngfsi.displacement import OutlineDisplacement
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.section import Section
@@ -42,6 +43,10 @@ def _build_geometry(value: Any, info: ValidationInfo) -> Any:
     return builder.model_validate({key: v for key, v in value.items() if key != "type"}, context=info.context)
 
 
+PARTS_OF_TISSUE = ("fat", "anterior", "lateral", "superficial_posterior", "deep_posterior")
+"""Regions that are of the material of the tissue unless they have their own."""
+
+
 class Materials(Section):
     """The material of each region that the geometry has."""
 
@@ -49,6 +54,11 @@ class Materials(Section):
     wall: SolidMaterial | None = None
     solid: SolidMaterial | None = None
     """The one solid of a plane benchmark."""
+    fat: SolidMaterial | None = None
+    anterior: SolidMaterial | None = None
+    lateral: SolidMaterial | None = None
+    superficial_posterior: SolidMaterial | None = None
+    deep_posterior: SolidMaterial | None = None
     fluid: FluidMaterial | None = None
 
     def law_of(self, region: str) -> SolidLaw:
@@ -58,6 +68,8 @@ class Materials(Section):
             CaseError: the case has no such solid.
         """
         law = getattr(self, region, None)
+        if law is None and region in PARTS_OF_TISSUE:
+            law = self.tissue
         if not isinstance(law, SolidLaw):
             raise CaseError(f"'{region}' is no solid with a material in this case")
         return law
@@ -100,6 +112,7 @@ class Loads(Section):
     inlet_pressure: PressureCurve | None = None
     """Pressure at the inlet, from which the flow follows; then `inlet_flow` is without effect."""
     outlet_pressure: PressureCurve = PressureConstant(value=10 * MMHG)
+    """Blood pressure at the outlet; in the veins of a plane section, which have no flow, all of it."""
 
     @property
     def breakpoints(self) -> frozenset[float]:
@@ -116,6 +129,12 @@ class Conditions(Section):
     """The end faces slide in their plane (roller), are fixed, move along the axis alone (guided), or carry no load."""
     initial_state: Literal["preload", "prestress"] = "preload"
     """preload: the geometry is unloaded and the blood inflates it; prestress: it carries the blood pressure already."""
+    plane_stress: tuple[str, ...] = ()
+    """Regions of a plane solid whose thickness is free (plane stress); in the others it is kept (plane strain)."""
+    strain: Literal["finite", "small"] = "finite"
+    """small: linear elasticity with the initial moduli of the laws, and loads on the undeformed shape."""
+    skin_displacement: OutlineDisplacement | None = None
+    """Moves the skin of a plane section as given, e.g. by registration, instead of the pressure on it."""
 
 
 class Discretisation(Section):
@@ -219,13 +238,25 @@ class Case(Section):
         regions = {*self.geometry.solids, *([self.geometry.fluid] if self.geometry.fluid else [])}
         for name in Materials.model_fields:
             given = getattr(self.materials, name) is not None
-            if name in regions and not given:
+            if name in regions and not given and name not in PARTS_OF_TISSUE:
                 raise key_error(f"materials.{name}", f"is missing: {type(self.geometry).__name__} has such a region")
             if given and name not in regions:
                 known = ", ".join(sorted(regions))
                 raise key_error(
                     f"materials.{name}", f"is of no region: those of {type(self.geometry).__name__} are {known}"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _conditions_fit(self) -> Self:
+        if wrong := sorted({*self.conditions.plane_stress} - {*self.geometry.solids}):
+            raise key_error("conditions.plane_stress", f"names {', '.join(wrong)}: {_solids_of(self.geometry)}")
+        plane = self.conditions.plane_stress or self.conditions.strain == "small" or self.conditions.skin_displacement
+        if plane and (self.geometry.fluid or self.conditions.initial_state == "prestress"):
+            raise key_error(
+                "conditions", "has plane_stress, small strain or a skin_displacement: these are for plane solids "
+                "without fluid, from their unloaded shape (initial_state = \"preload\")"
+            )  # fmt: skip
         return self
 
     @field_validator("name")
@@ -269,3 +300,7 @@ class Case(Section):
         """SHA-256 of the content without the name: equal for cases that must give equal results."""
         content = {key: value for key, value in self.to_toml_dict().items() if key != "name"}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _solids_of(geometry: Any) -> str:
+    return f"the solids of {type(geometry).__name__} are {', '.join(sorted(geometry.solids))}"

@@ -10,7 +10,7 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import netgen.meshing as nm
 import ngsolve
@@ -32,7 +32,9 @@ NAME = re.compile(r"[a-z][a-z0-9_]*")
 class Geometry(Protocol):
     """What `Domain` needs to know of a geometry; lengths in metres."""
 
-    solids: ClassVar[tuple[str, ...]]
+    @property
+    def solids(self) -> tuple[str, ...]:
+        """Names of the regions of the solids."""
 
     @property
     def fluid(self) -> str | None:

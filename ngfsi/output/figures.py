@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from ngfsi.output.stored import StoredRun
@@ -201,6 +202,61 @@ def stacked_series(panels: Mapping[str, tuple[Array, Mapping[str, Array]]], tota
     for panel in spaces[: len(panels)]:
         panel.set_ylim(low, high)
     _legend_below(figure, spaces[0])
+    figure.savefig(path)
+
+
+@dataclass(frozen=True)
+class FieldMap:
+    """A field on triangles: points (n, 2) in mm, triangles (m, 3), values (n,), outlines (k, 2) in mm to be drawn."""
+
+    points: Array
+    triangles: NDArray[np.int64]
+    values: Array
+    outlines: Sequence[Array] = ()
+
+
+def field_maps(panels: Mapping[str, FieldMap], label: str, path: Path, *, limits: tuple[float, float]) -> None:
+    """Draw a field over plane sections, a panel per title, with one scale of colours from `limits`."""
+    figure, spaces, columns = _panels(len(panels), 3, (3.6, 3.7), (0.9, 0.0))
+    for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
+        grid = Triangulation(drawn.points[:, 0], drawn.points[:, 1], drawn.triangles)
+        shown = panel.tripcolor(grid, drawn.values, shading="gouraud", cmap="cividis",
+                                vmin=limits[0], vmax=limits[1], rasterized=True)  # fmt: skip
+        for outline in drawn.outlines:
+            panel.plot(*np.vstack([outline, outline[:1]]).T, color=QUIET, linewidth=0.8, linestyle="--")
+        panel.set_aspect("equal")
+        panel.set_title(title, fontsize=10)
+        panel.set_xlabel("x, lateral [mm]")
+        if number % columns == 0:
+            panel.set_ylabel("y, anterior [mm]")
+    _share_frame(spaces[: len(panels)])
+    figure.colorbar(shown, ax=spaces, label=label, shrink=0.7, extend="both")
+    figure.savefig(path)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Values over others: drawn as a line, or as markers alone; `spread`: half-widths of error bars."""
+
+    label: str
+    x: Sequence[float] | Array
+    y: Sequence[float] | Array
+    style: str = "o-"
+    spread: Sequence[float] | Array | None = None
+
+
+def lines(panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: Path) -> None:
+    """Draw values over others, a panel per title; labels of both axes carry the units."""
+    figure, spaces, columns = _panels(len(panels), 2, (5.2, 4.0), (0.0, 0.0))
+    for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
+        for colour, line in zip(COLOURS, drawn, strict=False):
+            panel.errorbar(line.x, line.y, yerr=line.spread, fmt=line.style, color=colour, markersize=4,
+                           linewidth=1.2, capsize=3, label=line.label)  # fmt: skip
+        panel.set_title(title, fontsize=10)
+        panel.set_xlabel(labels[0])
+        if number % columns == 0:
+            panel.set_ylabel(labels[1])
+        panel.legend(fontsize=8, frameon=False)
     figure.savefig(path)
 
 

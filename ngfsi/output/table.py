@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Self
 
@@ -68,6 +68,18 @@ class TableWriter:
         if set(row) != set(self._columns):
             raise ValueError(f"{self.path.name} has the columns {self._columns}, the row has {tuple(row)}")
         return self._columns
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, float | str]]) -> None:
+    """Write a whole table of numbers and words; the keys of the first row are the columns.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    with explained(path), path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def read_table(path: Path) -> dict[str, NDArray[np.float64]]:

@@ -45,30 +45,36 @@ class Viscous(Protocol):
         """Dynamic viscosity (Pa s)."""
 
 
-def internal_work(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None) -> CF:
-    """P : grad v with P = dW/dF; in the plane, of plane strain.
+def internal_work(
+    law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None, across: tuple[CF, CF] = (1, 0)
+) -> CF:
+    """P : grad v with P = dW/dF; in the plane, of plane strain unless the stretch across it varies.
 
     Args:
+        across: stretch across the plane and its virtual change; tested with all changes it makes P33 vanish: plane
+            stress.
         relaxation: G = dX/dX0 maps the stress-free shape X0 to the reference shape X where the latter is prestressed:
             the law sees F G, and the energy per reference volume is W / det G (inverse design, Govindjee and Mihalic,
             CMAME 136, 1996; use as prestress as in Gee, Foerster and Wall, IJNMBE 26, 2010).
     """
-    F, grad_v, volume = _from_free_of_stress(F, grad_v, relaxation)
+    F, grad_v, volume = _from_free_of_stress(F, grad_v, relaxation, across)
     return law.variation(F, grad_v) / volume
 
 
-def internal_works(law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None) -> tuple[CF, CF]:
+def internal_works(
+    law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None, across: tuple[CF, CF] = (1, 0)
+) -> tuple[CF, CF]:
     """Two parts of `internal_work`, the second of which grows with the bulk modulus."""
-    F, grad_v, volume = _from_free_of_stress(F, grad_v, relaxation)
+    F, grad_v, volume = _from_free_of_stress(F, grad_v, relaxation, across)
     rest, bulk = law.variations(F, grad_v)
     return rest / volume, bulk / volume
 
 
-def _from_free_of_stress(F: CF, grad_v: CF, relaxation: CF | None) -> tuple[CF, CF, CF | float]:
+def _from_free_of_stress(F: CF, grad_v: CF, relaxation: CF | None, across: tuple[CF, CF]) -> tuple[CF, CF, CF | float]:
     """Return gradients in space with respect to the shape that is free of stress, and the volume that 1 has become."""
     if relaxation is None:
-        return in_space(F, 1), in_space(grad_v, 0), 1.0
-    return in_space(F * relaxation, 1), in_space(grad_v * relaxation, 0), Det(relaxation)
+        return in_space(F, across[0]), in_space(grad_v, across[1]), 1.0
+    return in_space(F * relaxation, across[0]), in_space(grad_v * relaxation, across[1]), Det(relaxation)
 
 
 def stored_energy(law: StoredEnergy, F: CF, relaxation: CF | None = None) -> CF:
@@ -78,9 +84,9 @@ def stored_energy(law: StoredEnergy, F: CF, relaxation: CF | None = None) -> CF:
     return law.energy(in_space(F * relaxation, 1)) / Det(relaxation)
 
 
-def hydrostatic_pressure(law: StoredEnergy, F: CF) -> CF:
-    """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J."""
-    F = in_space(F, 1)
+def hydrostatic_pressure(law: StoredEnergy, F: CF, across: CF = 1) -> CF:
+    """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J; `across`: stretch across a plane."""
+    F = in_space(F, across)
     return -law.variation(F, F) / (3 * Det(F))
 
 

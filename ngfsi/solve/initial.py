@@ -41,7 +41,7 @@ def initial_state(system: System, newton: Newton, say: Say = silent) -> int:
     system.set_steady()
     if system.case.conditions.initial_state == "preload":
         say("inflating the vein with creeping flow")
-        _in_load_steps(system, newton)
+        in_load_steps(system, newton)
         say("steady flow with inertia")
         _with_inertia(system, newton)
         return newton.factorisation.count
@@ -59,22 +59,29 @@ def steady_flow(system: System, backend: Name) -> Newton:
     """
     system.set_steady()
     flow = Newton(system, backend, "w", "p")
-    _in_load_steps(system, flow)
+    in_load_steps(system, flow)
     _with_inertia(system, flow)
     return flow
 
 
-def _in_load_steps(system: System, newton: Newton) -> None:
+def in_load_steps(system: System, newton: Newton, share: float = 0.0, until: float = 1.0) -> None:
     """Creeping flow under growing shares of the loads of t = 0; inertia is left out, so the flow is linear.
+
+    Args:
+        share: that the present state carries.
+        until: that it is to carry.
+
+    Raises:
+        SolverError: says which share was reached, whose state is left.
 
     A pressure residual that is small against the load but large against viscous stresses would otherwise drive the
     flow of a Newton iterate to absurd Reynolds numbers.
     """
     density = system.blood_density.Get()
     system.blood_density.Set(0.0)
-    share, step = 0.0, 1.0
-    while share < 1.0:
-        trial = min(1.0, share + step)
+    step = until - share
+    while share < until:
+        trial = min(until, share + step)
         _set_share(system, trial)
         try:
             newton.solve(max(START_TOLERANCE, system.case.solver.tolerance), NEWTON_STEPS)
@@ -94,6 +101,7 @@ def _set_share(system: System, share: float) -> None:
     for pressure in (system.skin_pressure, *system.cuff_pressures, *system.openings.values()):
         pressure.Set(share * pressure.Get())
     system.flow_rate *= share
+    system.prescribe(share)
 
 
 def _with_inertia(system: System, newton: Newton) -> None:

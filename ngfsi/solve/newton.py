@@ -242,7 +242,8 @@ class Newton:
         }
 
     def _complaint(self, solution: Solution, scales: Mapping[str, float]) -> str:
-        names = {"d": "displacement of the solids", "w": "velocity", "p": "blood pressure", "e": "mesh motion"}
+        names = {"d": "displacement of the solids", "w": "velocity", "p": "blood pressure", "e": "mesh motion",
+                 "s": "stretch across the plane"}  # fmt: skip
         finite = {k: v for k, v in solution.changes.items() if np.isfinite(v)}
         if len(finite) < len(solution.changes):
             return f"Newton's method met values that are not finite after {solution.iterations} iterations"

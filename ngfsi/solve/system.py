@@ -12,10 +12,13 @@ from ngsolve import GridFunction, Inv, Parameter
 from numpy.typing import NDArray
 
 from ngfsi.case import Case
+from ngfsi.displacement import OutlineDisplacement
 from ngfsi.domain import Domain
 from ngfsi.materials import Newtonian
+from ngfsi.materials.small_strain import SmallStrain
 from ngfsi.physics import terms
-from ngfsi.physics.kinematics import Kinematics
+from ngfsi.physics.kinematics import Kinematics, in_space
+from ngfsi.solve.boundary import boundary_values
 from ngfsi.solve.forms import Part, reduced_rules, residual_form, rules, tangent_form
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
@@ -66,7 +69,11 @@ class System:
         self.case, self.domain = case, domain
         self.watch = watch or Stopwatch()
         inflow = case.loads.inlet_pressure is None
-        self.unknowns = Unknowns.build(domain, case.discretisation.order, case.conditions.ends, inflow=inflow)
+        given = case.conditions
+        self.unknowns = Unknowns.build(
+            domain, case.discretisation.order, given.ends, inflow=inflow, plane_stress=given.plane_stress,
+            moved=("skin",) if given.skin_displacement else (),
+        )  # fmt: skip
         space = self.unknowns.space
         self.state = GridFunction(space)
         self.velocity_history = GridFunction(space)
@@ -78,7 +85,10 @@ class System:
         self.openings = {"outlet": self.outlet_pressure} | ({} if inflow else {"inlet": self.inlet_pressure})
         self.blood_density = Parameter(self.blood.density if domain.geometry.fluid else 0.0)
         self.flow_rate = 0.0
-        self.solids = {name: case.materials.law_of(name) for name in domain.geometry.solids}
+        laws = {name: case.materials.law_of(name) for name in domain.geometry.solids}
+        self._small = given.strain == "small"
+        self.solids: dict[str, Any] = {name: SmallStrain(law) for name, law in laws.items()} if self._small else laws
+        self._skin = SkinMotion(self, given.skin_displacement) if given.skin_displacement else None
         self.relaxation: GridFunction | None = None
         if case.conditions.initial_state == "prestress":
             self.relaxation = GridFunction(space.components[0])
@@ -126,17 +136,28 @@ class System:
         """Return the integrands of the weak form."""
         return self.solid_parts() + (self.fluid_parts() if self.domain.geometry.fluid else [])
 
-    def work_parts(self, name: str, F: Any, grad_v: Any, relaxation: Any | None) -> list[Part]:
+    def hydrostatic_pressure(self, region: str) -> Any:
+        """Return p = -tr(sigma)/3 (Pa) of a solid in the present state."""
+        F = Kinematics(ng.Grad(self.state.components[0])).F
+        stretch = 1 + self.state.components[1] if region in self.case.conditions.plane_stress else 1
+        law = self.solids[region]
+        if not self._small:
+            return terms.hydrostatic_pressure(law, F, stretch)
+        return -law.variation(in_space(F, stretch), ng.Id(3)) / 3
+
+    def work_parts(
+        self, name: str, F: Any, grad_v: Any, relaxation: Any | None, across: tuple[Any, Any] = (1, 0)
+    ) -> list[Part]:
         """Return the virtual work of a solid's stresses, at all integration points first."""
         order, law, dx = self.unknowns.order, self.solids[name], self.domain.dx
         measure = dx(name, intrules=rules(2 * order))
         if self.case.discretisation.bulk_integration == "full":
-            return [Part([terms.internal_work(law, F, grad_v, relaxation)], measure)]
-        rest, bulk = terms.internal_works(law, F, grad_v, relaxation)
+            return [Part([terms.internal_work(law, F, grad_v, relaxation, across)], measure)]
+        rest, bulk = terms.internal_works(law, F, grad_v, relaxation, across)
         return [Part([rest], measure), Part([bulk], dx(name, intrules=reduced_rules(order)))]
 
     def solid_parts(self) -> list[Part]:
-        """Return the integrands of the solids and of the pressure on the skin."""
+        """Return the integrands of the solids and of the pressures on skin and lumens."""
         trial, test = self.unknowns.space.TnT()
         m, v = trial[0], test[0]
         new, old = self.new_weight, self.acceleration_history.components[0]
@@ -144,13 +165,24 @@ class System:
         F, relaxation = Kinematics(ng.Grad(m)).F, self.stress_free_gradient()
         parts = []
         for name, law in self.solids.items():
-            (works, measure), *more = self.work_parts(name, F, ng.Grad(v), relaxation)
+            # the stretch across the plane and its variation
+            across = (1 + trial[1], test[1]) if name in self.case.conditions.plane_stress else (1, 0)
+            (works, measure), *more = self.work_parts(name, F, ng.Grad(v), relaxation, across)
             parts += [Part([*works, terms.inertia(law.density, acceleration, v)], measure), *more]
         if self.domain.has_boundary("skin"):
-            skin, normal = Kinematics(ng.Grad(m).Trace()), ng.specialcf.normal(self.domain.mesh.dim)
-            pressure = terms.follower_pressure(self._on_skin(), skin, normal, v.Trace())
-            parts.append(Part([pressure], self.domain.ds("skin")))
-        return parts
+            parts.append(self._pressure_on("skin", self._on_skin(), m, v))
+        lumens = getattr(self.domain.geometry, "lumen_names", ())
+        return parts + [self._pressure_on(name, self.outlet_pressure, m, v) for name in lumens]
+
+    def _pressure_on(self, name: str, pressure: Any, m: Any, v: Any) -> Part:
+        """Return the work of a pressure on a boundary, on its deformed shape unless strains are small."""
+        normal, grad_m = ng.specialcf.normal(self.domain.mesh.dim), ng.Grad(m)
+        if self.domain.mesh.dim == 3:
+            k = Kinematics(grad_m.Trace())
+            return Part([terms.follower_pressure(pressure, k, normal, v.Trace())], self.domain.ds(name))
+        # around holes of the plane the normal is outward only as the elements' own
+        k = Kinematics(0 * grad_m if self._small else grad_m)
+        return Part([terms.follower_pressure(pressure, k, normal, v)], self.domain.ds(name, skeleton=True))
 
     def _on_skin(self) -> Any:
         """Return the pressure on the skin as a function of place."""
@@ -195,6 +227,11 @@ class System:
         if self._inlet is not None and "inlet" not in self.openings:
             self.values[self.unknowns.inlet] = self._inlet.profile * (self.flow_rate / self._inlet.flux())
 
+    def prescribe(self, share: float) -> None:
+        """Move boundaries of prescribed displacement by a share of it."""
+        if self._skin is not None:
+            self.values[self._skin.numbers] = share * self._skin.values
+
     # ---------------------------------------------------------------- state, loads, rates
 
     @property
@@ -213,6 +250,7 @@ class System:
             self.flow_rate = loads.inlet_flow(t)
         else:
             self.inlet_pressure.Set(loads.inlet_pressure(t))
+        self.prescribe(1.0)
 
     def set_rates(self, weights: Weights, states: tuple[Vector, Vector], rates: tuple[Vector, Vector]) -> None:
         """Take the weights of a step and the histories of (last, second last) states and rates."""
@@ -271,10 +309,20 @@ class System:
         """
         size = self.domain.geometry.size
         if self._inlet is None:
-            return {"d": size}
+            return {"d": size, "s": 1.0} if "s" in self.unknowns.blocks else {"d": size}
         speed = max(abs(self.flow_rate), 0.01 * self._inlet.volume) / self._inlet.area
         pressure = max(1.0, *(abs(p.Get()) for p in self.openings.values()))
         return {"d": size, "e": size, "w": speed, "p": pressure}
+
+
+class SkinMotion:
+    """The prescribed displacement of a plane section's skin: numbers of its unknowns and their values (m)."""
+
+    def __init__(self, system: System, displacement: OutlineDisplacement) -> None:
+        domain, space = system.domain, system.unknowns.space.components[0]
+        given = boundary_values(domain, "skin", system.unknowns.order, displacement)
+        self.numbers = np.flatnonzero(list(space.GetDofs(domain.boundaries("skin"))))
+        self.values = given[self.numbers]
 
 
 class Inlet:

@@ -3,7 +3,8 @@
 Three fields:
 m  displacement of the mesh: of tissue and wall, and by arbitrary extension of the lumen;
 w  velocity of the blood relative to the mesh, zero on the interface: u = w + dm/dt equals the wall's velocity there;
-p  pressure of the blood.
+p  pressure of the blood;
+and in plane stress, where there is no fluid, s, the change of the stretch across the plane.
 
 The unknowns of m are two blocks: d, those of the solids, interface included, whose basis functions reach one element
 layer into the lumen; and e, those inside of the lumen.
@@ -11,6 +12,7 @@ layer into the lumen; and e, those inside of the lumen.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -61,7 +63,10 @@ class Unknowns:
     equations: Numbers
 
     @classmethod
-    def build(cls, domain: Domain, order: int, ends: Ends, *, inflow: bool = True) -> Unknowns:
+    def build(
+        cls, domain: Domain, order: int, ends: Ends, *, inflow: bool = True, plane_stress: Sequence[str] = (),
+        moved: Sequence[str] = (),
+    ) -> Unknowns:  # fmt: skip
         """Return the unknowns of polynomial order k: m and w of order k and p of order k - 1.
 
         Roller: the end faces slide in their plane; clamped: they are fixed; guided: they move along the axis alone;
@@ -71,16 +76,16 @@ class Unknowns:
 
         Args:
             inflow: whether the velocity is prescribed on the inlet.
+            plane_stress: regions of a plane solid whose stretch across the plane is unknown.
+            moved: boundaries whose displacement is prescribed.
 
         Raises:
             CaseError: neither bones nor ends hold the segment, or a plane geometry is to have rollers.
         """
         fluid = domain.geometry.fluid
-        motion, held = _motion(domain, order, ends)
+        motion, held = _motion(domain, order, ends, moved)
         if fluid is None:
-            space, none = ng.FESpace([motion]), np.zeros(0, dtype=np.int64)
-            blocks = {"d": np.arange(space.ndof), "w": none, "p": none, "e": none}
-            return cls(space, blocks, none, order, held, np.arange(space.ndof))
+            return cls._of_solids(domain, order, motion, held, plane_stress)
         held_at = "|".join([*(["inlet"] if inflow else []), *domain.geometry.rigid_names])
         sticks = {"dirichlet": held_at} if held_at else {}
         velocity = ng.VectorH1(domain.mesh, order=order, definedon=fluid, **sticks)
@@ -98,6 +103,22 @@ class Unknowns:
         solvable = np.concatenate([held, _mask(velocity.FreeDofs())[_mask(inside)], np.ones_like(in_p, dtype=bool)])
         return cls(space, blocks, in_w[on_inlet], order, solvable, equations)
 
+    @classmethod
+    def _of_solids(cls, domain: Domain, order: int, motion: Any, held: Mask, plane_stress: Sequence[str]) -> Unknowns:
+        """Return the unknowns of solids alone, with a block s where there is plane stress.
+
+        The change of the stretch across the plane is of the order of grad m, which in linear elasticity it follows.
+        """
+        parts = [motion]
+        if plane_stress:
+            parts.append(ng.Compress(ng.L2(domain.mesh, order=order - 1, definedon=domain.materials(*plane_stress))))
+        space, none = ng.FESpace(parts), np.zeros(0, dtype=np.int64)
+        blocks = {"d": np.arange(motion.ndof), "w": none, "p": none, "e": none}
+        if plane_stress:
+            blocks["s"] = np.arange(motion.ndof, space.ndof)
+        free = np.concatenate([held, np.ones(space.ndof - motion.ndof, dtype=bool)])
+        return cls(space, blocks, none, order, free, np.arange(space.ndof))
+
     @property
     def size(self) -> int:
         """Number of unknowns, prescribed ones included."""
@@ -113,15 +134,15 @@ class Unknowns:
         return mask
 
 
-def _motion(domain: Domain, order: int, ends: Ends) -> tuple[Any, Mask]:
+def _motion(domain: Domain, order: int, ends: Ends, moved: Sequence[str] = ()) -> tuple[Any, Mask]:
     """Return the space of the motion, and which of its unknowns are free."""
     rigid = list(domain.geometry.rigid_names)
     there = [name for name in ENDS if domain.has_boundary(name)]
-    if ends in ("free", "guided") and not rigid:
+    if ends in ("free", "guided") and not rigid and not moved:
         raise CaseError(f"conditions.ends = '{ends}' leaves a segment without bones adrift: use 'roller' or 'clamped'")
     if ends == "roller" and domain.mesh.dim == 2:
         raise CaseError("conditions.ends = 'roller' is for segments in space: use 'clamped' or 'free' in the plane")
-    fixed = {"dirichlet": "|".join(rigid + (there if ends == "clamped" else []))}
+    fixed = {"dirichlet": "|".join([*rigid, *moved, *(there if ends == "clamped" else [])])}
     if ends == "roller":
         fixed["dirichletz"] = "|".join(there)
     if ends == "guided":

@@ -1,0 +1,54 @@
+"""Columns of measured numbers from CSV files, whose heads carry the unit: `x_mm`, `stress_kPa`, `time_s`."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.errors import OutputError
+from ngfsi.units import UNITS, suffixes, to_si
+
+Array = NDArray[np.float64]
+
+
+def read_columns(path: Path, wanted: Mapping[str, str]) -> dict[str, Array]:
+    """Return columns of a CSV file in SI, by the name without unit; other columns are left alone.
+
+    Args:
+        wanted: name -> dimension of ngfsi.units, e.g. {"x": "length"} for a column `x_mm`; "1" for pure numbers, whose
+            heads have no unit.
+
+    Raises:
+        OutputError: the file cannot be read, lacks a column or holds something else than finite numbers.
+    """
+    try:
+        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise OutputError(f"'{path}' cannot be read as CSV: {getattr(error, 'strerror', None) or error}") from None
+    head, *body = [[cell.strip() for cell in row] for row in rows if row] or [[]]
+    found: dict[str, Array] = {}
+    for name, dimension in wanted.items():
+        known = {name: ""} if dimension == "1" else {f"{name}_{unit}": unit for unit in suffixes(dimension)}
+        here = [column for column in head if column in known]
+        if not here:
+            listed = ", ".join(known)
+            raise OutputError(f"'{path}' has no column of '{name}': name it one of {listed}; there are {head}")
+        place, unit = head.index(here[0]), known[here[0]]
+        values = [_number(path, line, here[0], row, place) for line, row in enumerate(body, start=2)]
+        found[name] = np.array([to_si(value, unit) if unit in UNITS else value for value in values])
+    return found
+
+
+def _number(path: Path, line: int, column: str, row: list[str], place: int) -> float:
+    text = row[place] if place < len(row) else ""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise OutputError(f"'{path}', line {line}: '{text}' in column '{column}' is not a finite number")
+    return value

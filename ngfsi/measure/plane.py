@@ -1,0 +1,101 @@
+"""Measures of a plane section of the calf: enclosed areas, pressure over the outline of the vein, deformed outlines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.system import System
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SectionMap:
+    """Fields of a deformed section for pictures.
+
+    Attributes:
+        points: (n, 2) deformed, m.
+        triangles: (m, 3) numbers of points.
+        displacement: (n,) magnitude, m.
+        pressure: (n,) p = -tr(sigma)/3, Pa; jumps between regions.
+    """
+
+    points: Array
+    triangles: NDArray[np.int64]
+    displacement: Array
+    pressure: Array
+
+
+class PlaneSectionProbe:
+    """Measures of the present state of a plane section, whose solids have a skin and lumens as holes."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self.domain = system, system.domain
+        self._motion = system.state.components[0]
+        self._k = Kinematics(ng.Grad(self._motion))
+        self._more = {"bonus_intorder": 2 * system.unknowns.order}
+
+    def region_area(self, *names: str) -> float:
+        """Return the deformed area (m2) of regions."""
+        return self._integrate(self._k.J * self.domain.dx(*names, **self._more))
+
+    def enclosed_area(self, boundary: str) -> float:
+        """Return the area (m2) that a deformed closed boundary encloses: skin, lumen, wall_outer."""
+        place = ng.CF((ng.x, ng.y)) + self._motion
+        flux = place * (self._k.cof * ng.specialcf.normal(2))
+        return abs(self._integrate(flux * self.domain.ds(boundary, skeleton=True, **self._more))) / 2
+
+    def pressure_over(self, boundary: str, region: str) -> float:
+        """Return the mean of p = -tr(sigma)/3 (Pa) over a deformed boundary, on the side of a region."""
+        face = ng.GridFunction(ng.FacetFESpace(self.domain.mesh, order=0))
+        face.Set(1, definedon=self.domain.boundaries(boundary))
+        size = face * ng.Norm(self._k.cof * ng.specialcf.normal(2))
+        side = self.domain.dx(region, element_boundary=True, **self._more)
+        pressure = self.system.hydrostatic_pressure(region)
+        return self._integrate(pressure * size * side) / self._integrate(size * side)
+
+    def displacement(self, points: Array) -> Array:
+        """Return the displacement (n, 2) [m] at points (n, 2) [m] of the reference shape, inside of the solids."""
+        straight = self.domain.on_straight_mesh(points)
+        return np.array([self._motion(self.domain.mesh(*point)) for point in straight])
+
+    def moved(self, boundary: str, points: int = 6) -> tuple[Array, Array]:
+        """Return points (n, 2) [m] of a closed boundary in order, in the reference and in the deformed shape."""
+        ticks = [((k + 0.5) / points,) for k in range(points)]
+        rule = ng.IntegrationRule(ticks, [1.0] * points)
+        at = self.domain.mesh.MapToAllElements({ng.SEGM: rule}, self.domain.boundaries(boundary))
+        place = ng.CF((ng.x, ng.y))
+        before = np.asarray(place(at))
+        after = before + np.asarray(ng.CF(self._motion)(at))
+        centre = before - before.mean(axis=0)
+        order = np.argsort(np.arctan2(centre[:, 1], centre[:, 0]))
+        return before[order], after[order]
+
+    def sample(self, refinement: int = 3) -> SectionMap:
+        """Return the fields on triangles, `refinement`^2 to an element."""
+        ticks = [(i / refinement, j / refinement) for j in range(refinement + 1) for i in range(refinement + 1 - j)]
+        number = {(round(x * refinement), round(y * refinement)): k for k, (x, y) in enumerate(ticks)}
+        cells = [[number[i, j], number[i + 1, j], number[i, j + 1]] for i, j in number if i + j < refinement]
+        cells += [
+            [number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]] for i, j in number if i + j < refinement - 1
+        ]
+        rule = ng.IntegrationRule(ticks, [1.0] * len(ticks))
+        at = self.domain.mesh.MapToAllElements({ng.TRIG: rule}, self.domain.materials())
+        motion = np.asarray(ng.CF(self._motion)(at))
+        pressures = {name: self.system.hydrostatic_pressure(name) for name in self.domain.geometry.solids}
+        first = np.arange(0, len(motion), len(ticks))
+        return SectionMap(
+            np.asarray(ng.CF((ng.x, ng.y))(at)) + motion,
+            (first[:, None, None] + np.array(cells)[None]).reshape(-1, 3),
+            np.linalg.norm(motion, axis=1),
+            np.asarray(self.domain.mesh.MaterialCF(pressures)(at)).ravel(),
+        )
+
+    def _integrate(self, integrals: Any) -> float:
+        return float(ng.Integrate(integrals, self.domain.mesh))

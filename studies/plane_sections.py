@@ -1,0 +1,404 @@
+"""Which kinematics closes a vein in a plane section of the calf: plane stress (A), mixed (B) or plane strain (C)?
+
+Repeats chapter 3 of the source study on four synthetic subjects, since its images are not available: what can be
+compared is what follows from the models alone, their orderings and sizes. Beyond the study, each model is also computed
+at finite strain.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import root_scalar
+
+from geometry.calf_section import SUBJECTS, CalfSection, subject
+from ngfsi.case import Case, Conditions, Materials
+from ngfsi.domain import Domain
+from ngfsi.errors import SolverError
+from ngfsi.materials import CompressibleNeoHookean
+from ngfsi.measure.plane import PlaneSectionProbe, SectionMap
+from ngfsi.output.disk import explained
+from ngfsi.output.figures import FieldMap, Line, field_maps, lines
+from ngfsi.output.summary import console
+from ngfsi.output.table import write_rows
+from ngfsi.statics import equilibrium, load_path, section_case
+from ngfsi.study import markdown_table
+from ngfsi.units import from_si, to_si
+
+PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_text())["plane_sections"]
+
+MODELS = {
+    "A": "plane stress everywhere",
+    "B": "plane strain in the deep posterior compartment, plane stress elsewhere",
+    "C": "plane strain everywhere",
+}
+STRAINS = ("small", "finite")
+DENSITY = 1060.0
+DRAWN = 3
+"""Subjects up to this number are drawn over the load."""
+
+
+class Level(NamedTuple):
+    """How finely a level computes: polynomial order, factor on the element sizes, subjects."""
+
+    order: int
+    sizes: float
+    subjects: tuple[int, ...] = tuple(SUBJECTS)
+
+
+LEVELS = {"demo": Level(3, 1.0), "paper": Level(4, 0.8), "fine": Level(5, 0.6)}
+SHARES = {"small": (0.5, 1.0), "finite": (0.25, 0.5, 0.625, 0.75, 0.875, 1.0)}
+"""Shares of the loads on the way: at finite strain the vein may buckle on it."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What became of one subject in one model.
+
+    Attributes:
+        vein, calf, deep_posterior: reductions of area as shares of it.
+        vein_share: the vein's part of the calf's loss.
+        pressure, pressure_wall: mean over the vein's outline on either side, Pa.
+        map, outlines: for pictures; outlines of skin and lumen at rest, m.
+        path: shares of the loads and the vein's reduction of area there.
+        failure: why the path ended early, if it did; the numbers are then those of its last state.
+    """
+
+    subject: int
+    model: str
+    strain: str
+    vein: float = np.nan
+    calf: float = np.nan
+    deep_posterior: float = np.nan
+    vein_share: float = np.nan
+    pressure: float = np.nan
+    pressure_wall: float = np.nan
+    map: SectionMap | None = None
+    outlines: tuple[Any, ...] = ()
+    path: tuple[tuple[float, float], ...] = ()
+    failure: str = ""
+
+
+def section(number: int, level: Level) -> CalfSection:
+    """Return a synthetic subject with the mesh of a level."""
+    sizes = {
+        f"mesh.{k}": level.sizes * getattr(subject(number).mesh, k) for k in ("far_size", "bone_size", "vein_size")
+    }
+    return subject(number).replace(**sizes, **{"mesh.curving_order": level.order})
+
+
+def case(geometry: CalfSection, model: str, strain: str, skin: float | None = None) -> Case:
+    """Return the case of a model; `skin`: pressure on it (Pa) instead of the study's."""
+    laws: dict[str, Any] = {
+        region: CompressibleNeoHookean(young=1e3 * PRINTED[young], poisson=PRINTED["poisson"], density=DENSITY)
+        for region, young in (("tissue", "muscle_young_kPa"), ("wall", "wall_young_kPa"))
+    }
+    stressed = {"A": geometry.solids, "B": tuple(n for n in geometry.solids if n != "deep_posterior"), "C": ()}
+    return section_case(
+        geometry,
+        Materials(**laws),
+        skin=to_si(PRINTED["skin_pressure_mmHg"], "mmHg") if skin is None else skin,
+        blood=to_si(PRINTED["vein_pressure_mmHg"], "mmHg"),
+        conditions=Conditions(plane_stress=stressed[model], strain=strain),  # type: ignore[arg-type]
+        name=f"section-{model}-{strain}",
+    )
+
+
+def find(number: int, model: str, strain: str, domain: Domain, geometry: CalfSection) -> Finding:
+    """Compute one subject in one model, as far as its equilibrium can be followed."""
+    shares, path, failure = SHARES[strain], [], ""
+    try:
+        for share, system in zip(shares, load_path(case(geometry, model, strain), shares, domain), strict=True):
+            probe = PlaneSectionProbe(system)
+            path.append((share, 1 - probe.enclosed_area("lumen") / geometry.veins[0].lumen.area))
+            state = _measures(probe, geometry, domain)
+    except SolverError as error:
+        failure = str(error)
+    return Finding(number, model, strain, path=tuple(path), failure=failure, **(state if path else {}))
+
+
+def _measures(probe: PlaneSectionProbe, geometry: CalfSection, domain: Domain) -> dict[str, Any]:
+    lost = {name: whole - probe.enclosed_area(name) for name, whole in whole_areas(geometry).items()}
+    return {
+        "vein": lost["lumen"] / geometry.veins[0].lumen.area,
+        "calf": lost["skin"] / geometry.skin.area,
+        "deep_posterior": 1 - probe.region_area("deep_posterior") / domain.volume("deep_posterior"),
+        "vein_share": lost["lumen"] / lost["skin"],
+        "pressure": probe.pressure_over("wall_outer", "tissue"),
+        "pressure_wall": probe.pressure_over("wall_outer", "wall"),
+        "map": probe.sample(),
+        "outlines": (probe.moved("skin")[0], probe.moved("lumen")[0]),
+    }
+
+
+def whole_areas(geometry: CalfSection) -> dict[str, float]:
+    """Return the areas (m2) that skin and lumen enclose at rest."""
+    return {"skin": geometry.skin.area, "lumen": geometry.veins[0].lumen.area}
+
+
+def pressure_needed(domain: Domain, geometry: CalfSection, reduction: float) -> float:
+    """Return the pressure on the skin (Pa) at which small plane strain loses a share of the vein's area."""
+
+    def gap(skin: float) -> float:
+        probe = PlaneSectionProbe(equilibrium(case(geometry, "C", "small", skin), domain))
+        return 1 - probe.enclosed_area("lumen") / geometry.veins[0].lumen.area - reduction
+
+    guess = to_si(PRINTED["skin_pressure_mmHg"], "mmHg")
+    return float(root_scalar(gap, x0=guess, x1=2 * guess, rtol=1e-4).root)
+
+
+def study(level: str, folder: Path, quiet: bool = False) -> Path:
+    """Compute all subjects in all models and write report.md, results.csv and figures; return the report's path."""
+    with explained(folder, "made"):
+        folder.mkdir(parents=True, exist_ok=True)
+    chosen = LEVELS[level]
+    findings: list[Finding] = []
+    needed: dict[int, float] = {}
+    for number in chosen.subjects:
+        geometry = section(number, chosen)
+        domain = Domain.build(geometry)
+        for strain in STRAINS:
+            for model in MODELS:
+                findings.append(find(number, model, strain, domain, geometry))
+                if not quiet:
+                    console().print(_line(findings[-1]))
+        needed[number] = pressure_needed(
+            domain, geometry, PRINTED["vein_area_reduction_percent"]["measured"][number - 1] / 100
+        )
+    return write_report(level, folder, findings, needed)
+
+
+def write_report(level: str, folder: Path, findings: Sequence[Finding], needed: Mapping[int, float]) -> Path:
+    """Write tables, figures and what they mean."""
+    write_rows(folder / "results.csv", [_row(f) for f in findings])
+    pictures = _figures(folder, findings)
+    parts = [
+        "# Plane sections of the calf: plane stress, mixed, plane strain",
+        f"Level `{level}`. Four synthetic subjects (`geometry/calf_section.py`) stand in for the four of the source "
+        "study, whose images are not available: numbers of single subjects cannot agree, sizes and orderings can. "
+        f"{PRINTED['skin_pressure_mmHg']:g} mmHg on the skin, {PRINTED['vein_pressure_mmHg']:g} mmHg in the vein, "
+        f"E = {PRINTED['muscle_young_kPa']:g} kPa (wall {PRINTED['wall_young_kPa']:g} kPa), Poisson ratio "
+        f"{PRINTED['poisson']:g}; linear elasticity (small) and, beyond the study, a compressible Neo-Hookean law with "
+        "the same initial moduli and follower loads (finite).",
+        *(f"- **{model}**: {text}." for model, text in MODELS.items()),
+        "## Computed and printed",
+        _claims(findings),
+        "## Orderings",
+        orderings(findings),
+        "## Small against finite strain",
+        _strains(findings),
+        "## Pressure that plane strain would need",
+        _needed(needed),
+        "## What the numbers say",
+        _meaning(),
+        "## Pictures",
+        *pictures,
+        "All numbers: [results.csv](results.csv).",
+    ]
+    path = folder / "report.md"
+    with explained(path):
+        path.write_text("\n\n".join(parts).replace(".\n\n- **", ".\n- **") + "\n", encoding="utf-8")
+    return path
+
+
+def _row(f: Finding) -> dict[str, float | str]:
+    return {
+        "subject": f.subject, "model": f.model, "strain": f.strain,
+        "vein_area_reduction_1": f.vein, "calf_area_reduction_1": f.calf,
+        "deep_posterior_area_reduction_1": f.deep_posterior, "vein_share_of_calf_loss_1": f.vein_share,
+        "p_tissue_side_Pa": f.pressure, "p_wall_side_Pa": f.pressure_wall,
+        "share_of_load_1": f.path[-1][0] if f.path else 0.0, "failure": f.failure,
+    }  # fmt: skip
+
+
+def _line(f: Finding) -> str:
+    if f.failure:
+        done = f.path[-1] if f.path else (0.0, 0.0)
+        return f"{_name(f)}: vein {100 * done[1]:.1f} % at {100 * done[0]:.0f} % of the loads, then {f.failure}"
+    return (
+        f"{_name(f)}: vein {100 * f.vein:.1f} %, calf {100 * f.calf:.1f} %, {f.pressure / 1e3:.2f} kPa over the "
+        "vein's outline"
+    )
+
+
+def _name(f: Finding) -> str:
+    return f"subject {f.subject}, model {f.model}, {f.strain} strain"
+
+
+QUANTITIES: dict[str, tuple[str, float, Callable[[Finding], float]]] = {
+    "vein, loss of area, %": ("vein_area_reduction_percent", 100, lambda f: f.vein),
+    "calf, loss of area, %": ("calf_area_reduction_percent", 100, lambda f: f.calf),
+    "pressure over the vein's outline, tissue side, kPa": ("vein_pressure_kPa", 1e-3, lambda f: f.pressure),
+    "the same, wall side, kPa": ("vein_pressure_kPa", 1e-3, lambda f: f.pressure_wall),
+    "deep posterior compartment, loss of area, %": ("", 100, lambda f: f.deep_posterior),
+    "vein's share of the calf's loss, %": ("", 100, lambda f: f.vein_share),
+}
+
+
+def _claims(findings: Sequence[Finding]) -> str:
+    rows = []
+    for title, (key, factor, value) in QUANTITIES.items():
+        for model in MODELS:
+            computed = [
+                _spread(
+                    [factor * value(f) for f in findings if (f.model, f.strain) == (model, strain) and not f.failure]
+                )
+                for strain in STRAINS
+            ]
+            rows.append((title, model, _printed(PRINTED.get(key, {}).get(model)), *computed))
+    head = (
+        "quantity",
+        "model",
+        "printed, mean (range or sd)",
+        *(f"{strain} strain, mean (range)" for strain in STRAINS),
+    )
+    measured = PRINTED["vein_area_reduction_percent"]["measured"]
+    note = (
+        f"\nMeasured in the study's images: vein {np.mean(measured):.1f} % ({min(measured):g} to {max(measured):g}), "
+        f"calf {_printed(PRINTED['calf_area_reduction_percent']['measured'])} %, deep posterior compartment "
+        f"{_printed(PRINTED['deep_posterior_area_reduction_measured_percent'])} %; all deep veins together "
+        f"{PRINTED['veins_share_of_calf_area_loss_percent']['mean']:g} % of the calf's loss."
+    )
+    return markdown_table(head, rows) + note
+
+
+def _spread(values: Sequence[float]) -> str:
+    return f"{np.mean(values):.2f} ({min(values):.2f} to {max(values):.2f})" if values else "none"
+
+
+def _printed(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value['mean']:g} (sd {value['sd']:g})" if isinstance(value, dict) else _spread(value)
+
+
+def orderings(findings: Sequence[Finding]) -> str:
+    """Say for which subjects the study's orderings hold."""
+    claims: dict[str, Callable[[dict[str, Finding]], bool]] = {
+        "the vein loses more area in B than in A": lambda m: m["B"].vein > m["A"].vein,
+        "the pressure over the vein's outline is higher in B than in A": lambda m: m["B"].pressure > m["A"].pressure,
+        "the vein loses least in C": lambda m: m["C"].vein < min(m["A"].vein, m["B"].vein),
+        "the calf loses least in C": lambda m: m["C"].calf < min(m["A"].calf, m["B"].calf),
+        "the calf loses at least five times as much in A as in C": lambda m: m["A"].calf > 5 * m["C"].calf,
+    }
+    rows = []
+    for text, holds in claims.items():
+        cells = []
+        for strain in STRAINS:
+            by_subject = models_by_subject(findings, strain)
+            kept = [number for number, models in by_subject.items() if holds(models)]
+            cells.append(
+                f"{len(kept)} of {len(by_subject)}" + ("" if len(kept) in (0, len(by_subject)) else f": {kept}")
+            )
+        rows.append((text, *cells))
+    return markdown_table(("the study's ordering", *(f"holds, {strain} strain" for strain in STRAINS)), rows)
+
+
+def models_by_subject(findings: Sequence[Finding], strain: str) -> dict[int, dict[str, Finding]]:
+    """Return subject -> model -> finding, of subjects computed in every model."""
+    found: dict[int, dict[str, Finding]] = {}
+    for f in findings:
+        if f.strain == strain and not f.failure:
+            found.setdefault(f.subject, {})[f.model] = f
+    return {number: models for number, models in found.items() if len(models) == len(MODELS)}
+
+
+def _strains(findings: Sequence[Finding]) -> str:
+    rows = []
+    for model in MODELS:
+        pairs = [
+            (small[model], models[model])
+            for number, models in models_by_subject(findings, "finite").items()
+            if (small := models_by_subject(findings, "small").get(number))
+        ]
+        rows.append((
+            model,
+            _spread([100 * (b.vein - a.vein) for a, b in pairs]),
+            _spread([100 * (b.calf - a.calf) for a, b in pairs]),
+            _spread([(b.pressure - a.pressure) / 1e3 for a, b in pairs]),
+        ))  # fmt: skip
+    head = ("model", "vein, percentage points", "calf, percentage points", "pressure, kPa")
+    text = (
+        "\nFinite minus small strain at full load, over the subjects that reach it: mean (range). A calf that loses a "
+        "quarter of its area is not at small strain; and a vein that is free to leave the plane buckles, which linear "
+        "elasticity cannot show: see the bends in the figure of its loss of area over the load. Past the bend the "
+        "result depends on mesh and order, before it does not: compare the levels."
+    )
+    failed = "".join(f"\n- {_line(f)}" for f in findings if f.failure)
+    return markdown_table(head, rows) + text + ("\n" + failed if failed else "")
+
+
+def _needed(needed: Mapping[int, float]) -> str:
+    values = ", ".join(f"{from_si(value, 'mmHg'):.0f}" for value in needed.values())
+    return (
+        "In model C at small strain the measured loss of the vein takes "
+        f"{values} mmHg on the skin (subjects {', '.join(map(str, needed))}); the study: more than "
+        f"{PRINTED['plane_strain_pressure_needed_mmHg']:g} mmHg. Linear elasticity does not know that a vein of no "
+        "area cannot close further."
+    )
+
+
+def _meaning() -> str:
+    nu, young, p = PRINTED["poisson"], PRINTED["muscle_young_kPa"], to_si(PRINTED["skin_pressure_mmHg"], "mmHg") / 1e3
+    strain = 200 * (1 + nu) * (1 - 2 * nu) * p / young
+    stress = 200 * (1 - nu) * p / young
+    found = PRINTED["calf_area_reduction_percent"]
+    measured = found["measured"]["mean"]
+    return (
+        f"- A disc without bones and vein loses 2 (1 + nu)(1 - 2 nu) p / E = {strain:.2f} % of its area in plane "
+        f"strain and 2 (1 - nu) p / E = {stress:.1f} % in plane stress, whatever its size. The printed "
+        f"{np.mean(found['C']):.2f} and {found['A']['mean']:g} % are {np.mean(found['C']) / strain:.2f} and "
+        f"{found['A']['mean'] / stress:.2f} of that; bones and vein of the synthetic subjects leave more of it. Larger "
+        "bones, or a smaller load than stated, would lower both.\n"
+        f"- The measured loss of the calf ({measured:g} %) is that of plane strain, the measured loss of the vein is "
+        "not: no single choice gives both, at small strain as at finite strain.\n"
+        "- Where the tissue's pressure is read matters more than the model: the wall, ten times as stiff, carries a "
+        "hoop compression of several kPa."
+    )
+
+
+def _paths(folder: Path, findings: Sequence[Finding]) -> str:
+    load = PRINTED["skin_pressure_mmHg"]
+    panels = {
+        f"model {model}": [
+            Line(
+                f"subject {f.subject}, {f.strain} strain",
+                [0.0, *(load * share for share, _ in f.path)],
+                [0.0, *(100 * vein for _, vein in f.path)],
+                "o-" if f.strain == "finite" else "s--",
+            )
+            for f in findings
+            if f.model == model and f.subject <= DRAWN
+        ]
+        for model in MODELS
+    }
+    lines(
+        panels, ("pressure on the skin [mmHg], blood in proportion", "loss of the vein's area [%]"), folder / "load.png"
+    )
+    return "![loss of area over the load](load.png)\n\nLoss of the vein's area over the load."
+
+
+def _figures(folder: Path, findings: Sequence[Finding]) -> list[str]:
+    first = min(f.subject for f in findings)
+    drawn = [f for f in findings if f.subject == first and f.path]
+    pictures = [_paths(folder, findings)]
+    kinds: dict[str, tuple[str, float, Callable[[SectionMap], Any], tuple[float, float]]] = {
+        "displacement": ("displacement [mm]", 1e3, lambda m: m.displacement, (0.0, 12.0)),
+        "pressure": ("hydrostatic pressure [kPa]", 1e-3, lambda m: m.pressure, (0.0, 8.0)),
+    }
+    for name, (label, factor, value, limits) in kinds.items():
+        panels = {
+            f"{f.model}, {f.strain} strain": FieldMap(
+                1e3 * f.map.points, f.map.triangles, factor * value(f.map), [1e3 * ring for ring in f.outlines]
+            )
+            for f in drawn
+            if f.map is not None
+        }
+        field_maps(panels, label, folder / f"{name}.png", limits=limits)
+        pictures.append(f"![{label}]({name}.png)\n\nSubject {first}: {label}; dashed: skin and lumen at rest.")
+    return pictures

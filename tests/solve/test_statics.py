@@ -1,0 +1,159 @@
+"""Plane sections in equilibrium: plane stress and strain, small strain, prescribed skin."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import ngsolve as ng
+import numpy as np
+import pytest
+from netgen.occ import Circle, Face, Glue, OCCGeometry, Pnt, Wire, Z
+from scipy.optimize import brentq
+
+from geometry.channel import PlaneMesh, PlaneSection
+from ngfsi.case import Case, Conditions, Materials
+from ngfsi.displacement import OutlineDisplacement
+from ngfsi.errors import CaseError
+from ngfsi.materials import CompressibleNeoHookean
+from ngfsi.measure.plane import PlaneSectionProbe
+from ngfsi.outline import Outline
+from ngfsi.statics import equilibrium, load_path, section_case
+from tests.vein import domain_of
+
+LAW = CompressibleNeoHookean(young=12e3, poisson=0.4, density=1060.0)
+INNER, OUTER = 6e-3, 20e-3
+
+
+class Ring(PlaneSection):
+    """A ring around a bone (`bone=True`), around a pressurised lumen, or a full disc."""
+
+    solids: ClassVar[tuple[str, ...]] = ("tissue",)
+    fluid: ClassVar[str | None] = None
+    hole: str = "tibia"
+    mesh: PlaneMesh = PlaneMesh(far_size=8e-3, curving_order=4)
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        return ("tibia",) if self.hole == "tibia" else ()
+
+    @property
+    def lumen_names(self) -> tuple[str, ...]:
+        return ("lumen",) if self.hole == "lumen" else ()
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        return "skin", *((self.hole,) if self.hole else ())
+
+    @property
+    def size(self) -> float:
+        return INNER
+
+    def inflow(self) -> Any:
+        return
+
+    def exact_volumes(self) -> dict[str, float]:
+        return {"tissue": np.pi * (OUTER**2 - (INNER**2 if self.hole else 0))}
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
+        def disc(radius: float, name: str) -> Any:
+            face = Face(Wire([Circle(Pnt(0, 0, 0), Z, radius)]))
+            face.edges.name = name
+            return face
+
+        shape = disc(OUTER, "skin")
+        if self.hole:
+            shape = shape - disc(INNER, self.hole)
+        shape.faces.name = "tissue"
+        return OCCGeometry(Glue([shape]), dim=2).GenerateMesh(maxh=self.mesh.far_size)
+
+
+def case_of(hole: str, skin: float = 0.0, blood: float = 0.0, **conditions: Any) -> Case:
+    return section_case(
+        Ring(hole=hole), Materials(tissue=LAW), skin=skin, blood=blood, conditions=Conditions(**conditions)
+    )
+
+
+@pytest.mark.parametrize("plane_stress", [(), ("tissue",)])
+def test_ring_around_a_bone(plane_stress: tuple[str, ...]) -> None:
+    """Small strain: u = A r + B / r with u = 0 at the bone and sigma_rr = -p on the skin (Lame)."""
+    p, mu = 2e3, LAW.shear_modulus
+    case = case_of("tibia", skin=p, strain="small", plane_stress=plane_stress)
+    system = equilibrium(case, domain_of(case.geometry))
+    lame = LAW.young * LAW.poisson / (1 - LAW.poisson**2) if plane_stress else LAW.lame
+    # sigma_rr = 2 (lame + mu) A - 2 mu B / r^2, B = -A INNER^2
+    A = -p / (2 * (lame + mu) + 2 * mu * (INNER / OUTER) ** 2)
+    exact = A * OUTER - A * INNER**2 / OUTER
+    assert system.state.components[0](system.domain.mesh(OUTER * 0.999, 0))[0] == pytest.approx(exact, rel=3e-3)
+    skin = PlaneSectionProbe(system).enclosed_area("skin")
+    assert skin == pytest.approx(np.pi * (OUTER + exact) ** 2, rel=1e-5)
+    # the trace of the stress is the same everywhere
+    in_plane = 4 * (lame + mu) * A
+    across = 0.0 if plane_stress else 2 * lame * A
+    pressure = PlaneSectionProbe(system).pressure_over("tibia", "tissue")
+    assert pressure == pytest.approx(-(in_plane + across) / 3, rel=2e-3)
+
+
+def test_pressure_in_a_lumen_widens_it() -> None:
+    """Small plane strain of a thick tube whose skin is held: u(INNER) from Lame with u(OUTER) = 0."""
+    held = OutlineDisplacement.between(Outline.circle(0, 0, OUTER).points, Outline.circle(0, 0, OUTER).points)
+    case = case_of("lumen", blood=1e3, strain="small", skin_displacement=held)
+    probe = PlaneSectionProbe(equilibrium(case, domain_of(case.geometry)))
+    mu, lame = LAW.shear_modulus, LAW.lame
+    A = -1e3 / (2 * (lame + mu) + 2 * mu * (OUTER / INNER) ** 2)
+    exact = A * INNER - A * OUTER**2 / INNER
+    assert exact > 0
+    assert probe.enclosed_area("lumen") == pytest.approx(np.pi * (INNER + exact) ** 2, rel=1e-5)
+
+
+def test_homogeneous_plane_stress_at_finite_strain() -> None:
+    """A disc whose skin moves by a linear map: the stretch across makes P33 vanish, found here by bisection."""
+    F = np.array([[0.8, 0.1], [0.05, 0.9]])
+    before = Outline.circle(0, 0, OUTER).points
+    moved = OutlineDisplacement.between(before, before @ F.T)
+    case = case_of("", skin_displacement=moved, plane_stress=("tissue",))
+    system = equilibrium(case, domain_of(case.geometry))
+
+    def normal_stress(stretch: float) -> float:
+        J = np.linalg.det(F) * stretch
+        step = 1e-6
+
+        def energy(s: float) -> float:
+            full = np.zeros((3, 3))
+            full[:2, :2], full[2, 2] = F, s
+            value = LAW.energy(ng.CF(tuple(full.ravel()), dims=(3, 3)))
+            return float(value(system.domain.mesh(1e-3, 1e-3)))
+
+        assert J > 0
+        return (energy(stretch + step) - energy(stretch - step)) / (2 * step)
+
+    exact = brentq(normal_stress, 1.0, 2.0)
+    stretch = system.state.components[1]
+    values = [1 + stretch(system.domain.mesh(x, y)) for x, y in ((0.0, 0.0), (9e-3, 4e-3), (-15e-3, -3e-3))]
+    assert values == pytest.approx([exact] * 3, rel=2e-5)
+    m = system.state.components[0](system.domain.mesh(9e-3, 4e-3))
+    assert m == pytest.approx((F - np.eye(2)) @ [9e-3, 4e-3], rel=2e-4)
+
+
+def test_small_and_finite_strain_agree_for_small_loads_only() -> None:
+    losses = {}
+    for strain in ("small", "finite"):
+        for p in (1.0, 4e3):
+            case = case_of("tibia", skin=p, strain=strain, plane_stress=("tissue",))
+            probe = PlaneSectionProbe(equilibrium(case, domain_of(case.geometry)))
+            losses[strain, p] = np.pi * OUTER**2 - probe.enclosed_area("skin")
+    assert losses["finite", 1.0] == pytest.approx(losses["small", 1.0], rel=5e-4)
+    assert losses["finite", 4e3] < 0.9 * losses["small", 4e3]
+
+
+def test_load_path_ends_where_equilibrium_does() -> None:
+    case = case_of("tibia", skin=4e3)
+    domain = domain_of(case.geometry)
+    *_, last = load_path(case, (0.5, 1.0), domain)
+    assert last.values == pytest.approx(equilibrium(case, domain).values, rel=1e-6, abs=1e-12)
+
+
+def test_refusals() -> None:
+    with pytest.raises(CaseError, match=r"conditions.plane_stress' names muscle: the solids of Ring are tissue"):
+        case_of("tibia", plane_stress=("muscle",))
+    with pytest.raises(CaseError, match="these are for plane solids without fluid"):
+        case_of("tibia", plane_stress=("tissue",), initial_state="prestress")

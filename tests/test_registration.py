@@ -1,0 +1,73 @@
+"""Registration against displacements that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geometry.calf_section import subject
+from geometry.imaging import phantom
+from ngfsi.displacement import OutlineDisplacement
+from ngfsi.errors import GeometryError
+from ngfsi.outline import Outline
+from ngfsi.registration import register_images, register_outlines
+
+SKIN = subject(1).skin
+LANDMARKS = SKIN.at(SKIN.length * np.array([0.05, 0.3, 0.55, 0.8]))
+
+
+def test_a_rigid_motion_is_found_exactly() -> None:
+    """Arc lengths stay, so that any landmarks give it; the outline after begins elsewhere."""
+    c, s = np.cos(0.2), np.sin(0.2)
+    turn = np.array([[c, -s], [s, c]])
+    points = SKIN.resampled(200)
+    after = Outline.through(np.roll(points @ turn.T + [3e-3, -2e-3], 37, axis=0))
+    found = register_outlines(Outline.through(points), after, LANDMARKS, LANDMARKS @ turn.T + [3e-3, -2e-3])
+    probe = SKIN.at(SKIN.length * np.linspace(0, 1, 33)[:-1])
+    assert found(probe) == pytest.approx(probe @ turn.T + [3e-3, -2e-3] - probe, abs=2e-7)
+
+
+def test_unequal_stretch_is_recovered_between_landmarks() -> None:
+    """A circle whose arc is moved along itself, piecewise linearly between the landmarks: they make it exact."""
+    circle = Outline.circle(0, 0, 50e-3, 64)
+    angles = np.array([0.0, 1.5, 3.0, 4.5])
+    moved = np.array([0.1, 1.4, 3.2, 4.4])
+
+    def at(a: np.ndarray, radius: float = 50e-3) -> np.ndarray:
+        return radius * np.column_stack([np.cos(a), np.sin(a)])
+
+    found = register_outlines(circle, Outline.circle(0, 0, 48e-3, 64), at(angles), at(moved, 48e-3))
+    middle = np.array([0.75, 2.25, 3.75])
+    wanted = at((moved[:-1] + moved[1:]) / 2, 48e-3) - at(middle)
+    assert found(at(middle)) == pytest.approx(wanted, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "sentence"),
+    [
+        (LANDMARKS, LANDMARKS[:3], "pairs of landmarks: there are 4 before and 3 after"),
+        (LANDMARKS, LANDMARKS[[0, 2, 1, 3]], "but not so round the outline after: pair them anew"),
+        (1.2 * LANDMARKS, LANDMARKS, r"landmark \d lies \d+\.\d mm from the outline before"),
+    ],
+)
+def test_refused_landmarks(before: np.ndarray, after: np.ndarray, sentence: str) -> None:
+    with pytest.raises(GeometryError, match=sentence):
+        register_outlines(SKIN, SKIN, before, after)
+
+
+def test_a_displacement_needs_matching_lists() -> None:
+    with pytest.raises(GeometryError, match="as many x, y, ux and uy"):
+        OutlineDisplacement(x=(0.0, 1.0, 1.0, 0.0), y=(0.0, 0.0, 1.0, 1.0), ux=(0.0,) * 4, uy=(0.0,) * 3)
+
+
+def test_images_give_the_motion_of_the_skin() -> None:
+    """A smooth motion normal to the skin, which grey values show; pixels of 2 mm, error less than a tenth of one."""
+    one = subject(1)
+    after = SKIN.offset(-1.5e-3)
+    outlines = {"tibia": one.tibia, "fibula": one.fibula, "lumen": one.veins[0].lumen}
+    images = [phantom({"skin": skin, **outlines}, SKIN, 2e-3) for skin in (SKIN, after)]
+    found = register_images(*images)
+    probe = SKIN.resampled(24)
+    moved = probe + found(probe)
+    gap = np.linalg.norm(after.at(after.nearest(moved)) - moved, axis=1)
+    assert np.sqrt(np.mean(gap**2)) < 0.2e-3

@@ -1,0 +1,87 @@
+"""Studies of plane sections and of calibration: statistics against the printed ones, and a tiny run."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ngfsi.outline import Outline
+from studies import calibration, plane_sections, rigid_veins
+from studies.plane_sections import Finding, Level
+
+
+def test_printed_discrepancies_recomputed() -> None:
+    """What the study prints of D and what is inconsistent in it (its areas carry three digits)."""
+    D = calibration.discrepancies()
+    assert D[:, 0].mean() == pytest.approx(9.2, abs=0.1)
+    assert D[:, 1].mean() == pytest.approx(10.1, abs=0.1)
+    assert [D[0].max(), D[1].max(), D[3].max()] == pytest.approx([8.4, 15.9, 21.1], abs=0.4)
+    assert D[2, 2] == pytest.approx(35.2, abs=0.1)
+    assert "| 10 mm | 35.2 / 22.4 |" in calibration._statistics()
+
+
+def test_polygons_fall_short_by_their_number_of_points() -> None:
+    """1 - sin(2 pi / n) n / (2 pi) for a circle: 2 pi^2 / (3 n^2)."""
+    circle = Outline.circle(0, 0, 50e-3, 200)
+    for points in (400, 1000):
+        assert calibration.polygon_effect(circle, points) == pytest.approx(2 * np.pi**2 / (3 * points**2), rel=2e-2)
+    assert calibration.shrink_for(circle, 0.0052) == pytest.approx(50e-3 * (1 - np.sqrt(1 - 0.0052)), rel=1e-3)
+
+
+def test_orderings() -> None:
+    values = {"A": (0.4, 0.3, 3e3), "B": (0.5, 0.28, 2e3), "C": (0.2, 0.02, 5e3)}
+    found = [Finding(n, m, "small", vein=v, calf=c, pressure=p) for n in (1, 2) for m, (v, c, p) in values.items()]
+    found[3] = Finding(2, "A", "small", vein=0.6, calf=0.3, pressure=1e3)
+    text = plane_sections.orderings(found)
+    assert "| the vein loses more area in B than in A | 1 of 2: [1] | 0 of 0 |" in text
+    assert "| the pressure over the vein's outline is higher in B than in A | 1 of 2: [2] |" in text
+    assert "| the calf loses least in C | 2 of 2 |" in text
+
+
+def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One coarse subject: in plane strain the calf loses a little less than a disc without bones and vein."""
+    monkeypatch.setitem(plane_sections.LEVELS, "demo", Level(2, 1.6, (1,)))
+    monkeypatch.setattr(plane_sections, "SHARES", {"small": (1.0,), "finite": (0.2,)})
+    text = plane_sections.study("demo", tmp_path, quiet=True).read_text()
+    with (tmp_path / "results.csv").open() as file:
+        rows = {(row["model"], row["strain"]): row for row in csv.DictReader(file)}
+    disc = 2 * 1.49 * 0.02 * 40 * 133.322 / 12e3
+    assert 0.85 * disc < float(rows["C", "small"]["calf_area_reduction_1"]) < disc
+    assert float(rows["A", "small"]["calf_area_reduction_1"]) > 10 * disc
+    assert "| the vein loses least in C | 1 of 1 | 1 of 1 |" in text
+    for picture in ("displacement", "pressure", "load"):
+        assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_a_tiny_study_of_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One coarse subject: its skin is registered to a tenth of a millimetre, and its K comes back."""
+    monkeypatch.setitem(calibration.LEVELS, "demo", calibration.Level(2, 1.6))
+    monkeypatch.setattr(calibration, "SUBJECTS", (1,))
+    monkeypatch.setattr(calibration, "MODULI", (10e3, 40e3))
+    monkeypatch.setitem(calibration.PRINTED, "section_distance_mm", [0, 6])
+    one = [row[:2] for row in calibration.PRINTED["bulk_modulus_by_section_kPa"]]
+    monkeypatch.setitem(calibration.PRINTED, "bulk_modulus_by_section_kPa", one)
+    monkeypatch.setattr(calibration, "_statistics", lambda: "")
+    text = calibration.study("demo", tmp_path, quiet=True).read_text()
+    with (tmp_path / "results.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["registration_rms_m"]) < 0.1e-3
+    assert float(row["K_Pa"]) == pytest.approx(28.45e3, rel=0.03)
+    assert int(row["equilibria_1"]) <= 6
+    assert abs(float(row["calf_area_gap_1"])) < 1e-4  # the study: 0.5 %
+    assert float(row["vein_loss_true_6mm_1"]) > 0.05
+    assert "cannot be told apart" in text
+    for picture in ("modulus", "uniaxial"):
+        assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_synthetic_veins_have_the_printed_volumes() -> None:
+    mesh = rigid_veins.LEVELS["demo"].mesh
+    for shape in (rigid_veins.BEFORE, rigid_veins.SHAPES["collapsed"]):
+        assert rigid_veins.vein(3, 387e-9, shape, mesh).volume == pytest.approx(387e-9, rel=1e-6)
+    flow = rigid_veins.breathing(2e-6)
+    assert flow.times[-1] == pytest.approx(6.0, rel=0.05)
+    assert np.mean([flow(t) for t in np.linspace(0, flow.times[-1], 200)[:-1]]) == pytest.approx(2e-6, rel=1e-2)
