@@ -16,6 +16,9 @@ from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.system import System
 
+INTEGRATE = 5
+"""Order of NGSolve's `Integrate` for a sum of integrals."""
+
 
 class Probe:
     """Measurements of a system's state; `refresh` after each step."""
@@ -51,8 +54,8 @@ class Probe:
 
     def solid_pressure(self, region: str, side: str = "") -> float:
         """Return the mean of p = -tr(sigma)/3 (Pa) over the deformed region, or over its side of a boundary."""
-        suffix = f"{region}@{side}" if side else region
-        return self.integral(f"p*size {suffix}") / self.integral(f"size {suffix}")
+        what = f"{region}@{side}" if side else region
+        return self.integral(f"p*size {what}") / self.integral(f"size {side or region}")
 
     def _define(self) -> dict[str, Any]:
         dx, ds, fluid = self.domain.dx, self.domain.ds, self.fluid
@@ -63,9 +66,12 @@ class Probe:
         surface = Kinematics(f.grad_motion)
         flux = terms.relative_flux(surface, f.relative, normal)
         more = {"bonus_intorder": 2 * order}
+        # both are polynomials of at most this order on each element
+        exact = 3 * max(order, self.domain.geometry.curving_order) - 1
+        whole = {"bonus_intorder": max(exact - INTEGRATE, 0)}
         integrals = {
-            "lumen volume": k.J * dx(fluid, **more),
-            "lumen rate": InnerProduct(k.cof, grad_rate) * dx(fluid, **more),
+            "lumen volume": k.J * dx(fluid, **whole),
+            "lumen rate": InnerProduct(k.cof, grad_rate) * dx(fluid, **whole),
             "flux inlet": flux * ds("inlet", **more),
             "flux outlet": flux * ds("outlet", **more),
         }
@@ -85,10 +91,11 @@ class Probe:
         for name, law in self.system.solids.items():
             p = terms.hydrostatic_pressure(law, strain).Compile()
             side = self.domain.dx(name, element_boundary=True, definedonelements=self._elements_at(name, "wall_outer"))
-            integrals[f"p*size {name}@wall_outer"] = p * area * side
-            integrals[f"size {name}@wall_outer"] = area * side
+            integrals[f"p*size {name}@wall_outer"] = (p * area).Compile() * side
+        surface = Kinematics(grad_d.Trace())
+        integrals["size wall_outer"] = ng.Norm(surface.cof * normal) * self.domain.ds("wall_outer")
         p_wall = terms.hydrostatic_pressure(self.system.solids["wall"], strain).Compile()
-        integrals["p*size wall"] = p_wall * k.J * self.domain.dx("wall")
+        integrals["p*size wall"] = (p_wall * k.J).Compile() * self.domain.dx("wall")
         integrals["size wall"] = k.J * self.domain.dx("wall")
         return integrals
 

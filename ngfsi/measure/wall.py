@@ -22,6 +22,7 @@ from ngfsi.domain import Domain
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.system import System
+from ngfsi.solve.unknowns import same_functions
 
 Array = NDArray[np.float64]
 Method = Literal["gradient", "consistent"]
@@ -79,32 +80,40 @@ class Wall:
         fluid = domain.fluid
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
         self._motion, self._velocity = ng.GridFunction(space), ng.GridFunction(space)
-        self._fields = system.fields(system.state.components)
-        self._fluid = domain.materials(fluid)
+        motion, velocity = system.unknowns.space.components[:2]
+        self._in_motion = same_functions(domain, space, motion)
+        self._in_velocity = same_functions(domain, space, velocity)
         self._region = domain.boundaries("interface")
         k = Kinematics(ng.BoundaryFromVolumeCF(ng.Grad(self._motion)))
         stress = terms.viscous_stress(system.blood, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity)))
         area = k.cof * outward_normal(domain)
-        self.stretch = ng.Norm(area)
-        normal = area / self.stretch
+        stretch = ng.Norm(area)
+        self.stretch = stretch.Compile()
+        normal = area / stretch
         self._ds = domain.ds("interface", bonus_intorder=order)
-        self._projection = Projection(system, self.stretch, self._ds)
+        self._projection = Projection(system, stretch, self._ds)
         self._traction = Traction(system, k, stress, self._projection)
         self.shears: dict[Method, Any] = {
-            "gradient": -terms.tangential(stress * normal, normal),
-            "consistent": -terms.tangential(self._traction.field, normal),
+            "gradient": (-terms.tangential(stress * normal, normal)).Compile(),
+            "consistent": (-terms.tangential(self._traction.field, normal)).Compile(),
         }
         self.shear = self.shears[METHOD]
         self.field = ng.GridFunction(self._projection.space)
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
-        self._along = k.F * ng.CF((0, 0, 1))
-        self._normal = normal
+        self._along = (k.F * ng.CF((0, 0, 1))).Compile()
+        self._normal = normal.Compile()
         self._points = self._map(_rules(lambda shape: ng.IntegrationRule(shape, 2 * order)))
 
     def refresh(self) -> None:
         """Take the system's present state."""
-        self._motion.Set(self._fields.motion, definedon=self._fluid)
-        self._velocity.Set(self._fields.velocity, definedon=self._fluid)
+        system = self.system
+        state, history = system.state.components, system.velocity_history.components
+        m, w, rates = (np.asarray(part.vec.FV().NumPy()) for part in (state[0], state[1], history[0]))
+        moved, flowing = self._in_motion >= 0, self._in_velocity >= 0
+        motion, velocity = (np.asarray(field.vec.FV().NumPy()) for field in (self._motion, self._velocity))
+        motion[moved] = m[self._in_motion[moved]]
+        velocity[moved] = system.new_weight.Get() * motion[moved] + rates[self._in_motion[moved]]
+        velocity[flowing] += w[self._in_velocity[flowing]]
         self._projection.refresh()
         self._traction.refresh()
         self._projection.of(self.shear, self.field)
@@ -115,7 +124,7 @@ class Wall:
         mesh, magnitude = self.system.domain.mesh, ng.Norm(self.shears[method])
         area, mean, low = (
             float(ng.Integrate(part * self.stretch * self._ds, mesh))
-            for part in (ng.CF(1.0), magnitude, ng.IfPos(threshold - magnitude, 1.0, 0.0))
+            for part in (ng.CF(1.0), magnitude.Compile(), ng.IfPos(threshold - magnitude, 1.0, 0.0).Compile())
         )
         values = magnitude(self._points)
         return ShearStatistics(mean / area, float(values.min()), float(values.max()), low / area)
@@ -195,7 +204,7 @@ class Projection:
     def of(self, field: Any, result: Any) -> None:
         """Write the projection of a vector field on the interface to `result`."""
         form = ng.LinearForm(self.space)
-        form += self._stretch * (field * self.space.TestFunction().Trace()) * self._ds
+        form += (self._stretch * (field * self.space.TestFunction().Trace())).Compile() * self._ds
         form.Assemble()
         self.solve(form.vec.FV().NumPy(), result)
 
@@ -232,9 +241,9 @@ class Traction:
         pressure = (system.state.components[2] - self._base) * area
         more = {"bonus_intorder": system.unknowns.order}
         self._known = ng.LinearForm(projection.space)
-        self._known += pressure * test * domain.ds("interface", **more)
+        self._known += (pressure * test).Compile() * domain.ds("interface", **more)
         if "inlet" not in system.openings:  # what holds the prescribed velocity, on functions of the rim
-            self._known += (pressure - stress * area) * test * domain.ds("inlet", **more)
+            self._known += ((pressure - stress * area) * test).Compile() * domain.ds("inlet", **more)
 
     def refresh(self) -> None:
         """Take the system's present state."""
