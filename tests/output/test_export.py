@@ -17,7 +17,7 @@ from ngfsi.output import RunFolder, open_run
 from ngfsi.output.export import export
 from ngfsi.output.fields import FieldWriter
 from ngfsi.output.stored import StoredRun
-from tests.output.fake import CASE, GEOMETRY, INFLATION, domain, wall_sample
+from tests.output.fake import CASE, GEOMETRY, INFLATION, domain
 
 REST = ng.CF((0, 0, 0))
 
@@ -91,7 +91,7 @@ def test_abaqus_has_straight_cells_in_sets(stored: StoredRun) -> None:
 def test_the_blood_decides_on_its_border(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", CASE)
     everywhere = domain().mesh.MaterialCF({"fluid": 7.0}, default=0.0)
-    FieldWriter(folder.path, domain(), {"displacement_m": REST, "pressure_Pa": everywhere}).write(0.0, wall_sample(1.0))
+    FieldWriter(folder.path, domain(), {"displacement_m": REST, "pressure_Pa": everywhere}).write(0.0)
     path, _ = export(open_run(folder.path), 0.0, "vtu", tmp_path / "deep" / "out.vtu")
     mesh = meshio.read(path)
     blood = np.unique(mesh.cells[0].data[mesh.cell_data["region"][0] == 2])
@@ -105,7 +105,7 @@ def test_several_kinds_of_cells(tmp_path: Path) -> None:
     case = CASE.replace(geometry=CalfSegment(mesh=mixed))
     body = Domain.build(case.geometry)
     folder = RunFolder.create(tmp_path / "run", case)
-    FieldWriter(folder.path, body, {"displacement_m": REST}).write(0.0, wall_sample(1.0))
+    FieldWriter(folder.path, body, {"displacement_m": REST}).write(0.0)
     for fmt, kinds in (("xdmf", {"wedge", "hexahedron"}), ("vtu", {"wedge18", "hexahedron20"})):
         path, _ = export(open_run(folder.path), 0.0, fmt)
         assert {block.type for block in meshio.read(path).cells} == kinds

@@ -41,7 +41,7 @@ class Algebraic:
         )
         self.state = SimpleNamespace(vec=BaseVector(SIZE))
         self.new_weight, self.blood_density = Parameter(10.0), Parameter(1060.0)
-        self.form = None
+        self.tangent = None
         self.inflow_calls = 0
         self._residual = BaseVector(SIZE)
         self.values[:] = 0.0
@@ -56,6 +56,9 @@ class Algebraic:
     @property
     def values(self) -> Vector:
         return np.asarray(self.state.vec.FV().NumPy())
+
+    def snapshot(self) -> dict[str, Vector]:
+        return {"state": self.values.copy()}
 
     def apply_inflow(self) -> None:
         self.inflow_calls += 1
