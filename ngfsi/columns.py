@@ -25,11 +25,7 @@ def read_columns(path: Path, wanted: Mapping[str, str]) -> dict[str, Array]:
     Raises:
         OutputError: the file cannot be read, lacks a column or holds something else than finite numbers.
     """
-    try:
-        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
-    except (OSError, UnicodeDecodeError) as error:
-        raise OutputError(f"'{path}' cannot be read as CSV: {getattr(error, 'strerror', None) or error}") from None
-    head, *body = [[cell.strip() for cell in row] for row in rows if row] or [[]]
+    head, body = _read(path)
     found: dict[str, Array] = {}
     for name, dimension in wanted.items():
         known = {name: ""} if dimension == "1" else {f"{name}_{unit}": unit for unit in suffixes(dimension)}
@@ -37,10 +33,38 @@ def read_columns(path: Path, wanted: Mapping[str, str]) -> dict[str, Array]:
         if not here:
             listed = ", ".join(known)
             raise OutputError(f"'{path}' has no column of '{name}': name it one of {listed}; there are {head}")
-        place, unit = head.index(here[0]), known[here[0]]
-        values = [_number(path, line, here[0], row, place) for line, row in enumerate(body, start=2)]
-        found[name] = np.array([to_si(value, unit) if unit in UNITS else value for value in values])
+        unit, values = known[here[0]], _numbers(path, head, body, head.index(here[0]))
+        found[name] = np.array([to_si(value, unit) if unit else value for value in values])
     return found
+
+
+def first_columns(path: Path, count: int) -> list[tuple[str, list[float]]]:
+    """Return of the first columns of a CSV file, whatever their names, the unit and the numbers in that unit.
+
+    Raises:
+        OutputError: the file cannot be read, lacks a column or a unit, or holds something else than finite numbers.
+    """
+    head, body = _read(path)
+    units = [max((u for u in UNITS if column.endswith(f"_{u}")), key=len, default="") for column in head[:count]]
+    if len(units) < count or not all(units):
+        raise OutputError(
+            f"'{path}' needs {count} columns below a head with units, e.g. time_s,flow_ml_s; there are {head}"
+        )
+    return [(unit, _numbers(path, head, body, place)) for place, unit in enumerate(units)]
+
+
+def _read(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Return the head of a CSV file, and the rows below."""
+    try:
+        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise OutputError(f"'{path}' cannot be read as CSV: {getattr(error, 'strerror', None) or error}") from None
+    head, *body = [[cell.strip() for cell in row] for row in rows if row] or [[]]
+    return head, body
+
+
+def _numbers(path: Path, head: list[str], body: list[list[str]], place: int) -> list[float]:
+    return [_number(path, line, head[place], row, place) for line, row in enumerate(body, start=2)]
 
 
 def _number(path: Path, line: int, column: str, row: list[str], place: int) -> float:

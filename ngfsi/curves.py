@@ -6,7 +6,6 @@ jumps. A time scheme of higher order restarts there.
 
 from __future__ import annotations
 
-import csv
 from abc import abstractmethod
 from bisect import bisect_right
 from functools import cache
@@ -18,9 +17,11 @@ from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 from pydantic import Field, model_validator
 from scipy.interpolate import CubicSpline
 
+from ngfsi.columns import first_columns
 from ngfsi.complaint import key_error
+from ngfsi.errors import OutputError
 from ngfsi.section import Section, tagged
-from ngfsi.units import UNITS, Angle, FlowRate, Pressure, Time
+from ngfsi.units import Angle, FlowRate, Pressure, Time
 
 Q = TypeVar("Q", bound=float)
 
@@ -168,7 +169,12 @@ class Waveform(Section, Generic[Q]):
     def _read_file(cls, data: Any) -> Any:
         if not isinstance(data, dict) or "file" not in data:
             return data
-        return {**{key: value for key, value in data.items() if key != "file"}, **_columns(str(data["file"]))}
+        try:
+            (time, times), (unit, values) = first_columns(Path(str(data["file"])), 2)
+        except OutputError as error:
+            raise key_error("file", f"is not accepted: {error}") from None
+        others = {key: value for key, value in data.items() if key != "file"}
+        return {**others, f"times_{time}": times, f"values_{unit}": values}
 
     @model_validator(mode="after")
     def _is_a_period(self) -> Self:
@@ -193,22 +199,6 @@ class Waveform(Section, Generic[Q]):
 @cache
 def _periodic(times: tuple[float, ...], values: tuple[float, ...]) -> CubicSpline:
     return CubicSpline(times, (*values[:-1], values[0]), bc_type="periodic")
-
-
-def _columns(path: str) -> dict[str, Any]:
-    """Return the columns of a CSV file as the times and values of a waveform, their units in the keys."""
-    try:
-        with Path(path).open(encoding="utf-8", newline="") as file:
-            heads, *rows = csv.reader(file)
-        numbers = [[float(row[i]) for row in rows if row] for i in range(2)]
-        units = [next(u for u in sorted(UNITS, key=len, reverse=True) if head.strip().endswith(f"_{u}"))
-                 for head in heads[:2]]  # fmt: skip
-    except OSError as error:
-        raise key_error("file", f"'{path}' cannot be read: {error.strerror or error}") from None
-    except (ValueError, IndexError, StopIteration):
-        text = "needs two columns of numbers below a header with units, e.g. time_s,flow_ml_s"
-        raise key_error("file", f"'{path}' {text}") from None
-    return {f"times_{units[0]}": numbers[0], f"values_{units[1]}": numbers[1]}
 
 
 PressureConstant, PressureRamp, PressureTable = Constant[Pressure], Ramp[Pressure], Table[Pressure]

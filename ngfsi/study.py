@@ -28,9 +28,8 @@ from ngfsi.output.progress import Watch
 from ngfsi.output.stored import StoredRun, open_run
 from ngfsi.run import resume, run
 
-ENTREATIES, ENTREATY_SECONDS = 12, 5.0
-"""How often, and how long apart, an interrupted run is asked to end before it is killed."""
-
+PATIENCE = (30.0, 30.0)
+"""Seconds that an interrupted run has to end after its step, and then, asked again, at once, before it is killed."""
 
 HASH = 16
 """Digits of the hash of a case that name the folder of its run."""
@@ -267,17 +266,17 @@ def _gather(waiting: dict[Future[tuple[int, str]], str], folder: Path, watch: Wa
 
 
 def _interrupt(children: Sequence[subprocess.Popen[str]]) -> None:
-    """Ask child processes to end, again and again: one that calls a compiler at the moment does not hear it."""
-    for _ in range(ENTREATIES):
+    """Ask child processes to end after their step, then to end at once, and kill those that do neither."""
+    for patience in PATIENCE:
         living = [child for child in children if child.poll() is None]
         for child in living:
             child.send_signal(signal.SIGINT)
-        deadline = time.monotonic() + ENTREATY_SECONDS
+        deadline = time.monotonic() + patience
         while time.monotonic() < deadline and any(child.poll() is None for child in living):
             time.sleep(0.1)
     for child in children:
         if child.poll() is None:
-            os.killpg(child.pid, signal.SIGKILL)  # with the compiler it may have started, which holds our pipe open
+            os.killpg(child.pid, signal.SIGKILL)  # with the mesher it may have started, which holds our pipe open
 
 
 def _compute(

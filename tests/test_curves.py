@@ -158,7 +158,8 @@ def test_a_waveform_from_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("t,q\n0,1\n1,2\n", "needs two columns of numbers below a header with units"),
+        ("t,q\n0,1\n1,2\n", "needs 2 columns below a head with units"),
+        ("time_s,flow_ml_s\n0,1\n1,two\n", "line 3: 'two' in column 'flow_ml_s' is not a finite number"),
         ("time_s,flow_ml_s\n0,1\n1,2\n2,4\n3,3\n", "last value of a waveform must repeat the first"),
         ("time_s,flow_ml_s\n0,1\n1,2\n1,4\n3,1\n", "must increase"),
         ("time_s,flow_kPa\n0,1\n1,2\n2,4\n3,1\n", "has a unit of pressure"),

@@ -301,7 +301,7 @@ def test_the_last_good_state_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.
     inspect = Deformation.inversion
     good = iter([True] * 4)
     monkeypatch.setattr(Deformation, "inversion", lambda self: inspect(self) if next(good, False) else "too far")
-    with pytest.raises(SolverError, match=r"ended at t = 0\.2 s .* too far; what was computed is in"):
+    with pytest.raises(SolverError, match=r"ended at t = 0\.2 s .* too far; .* what was computed is in"):
         run(CASE.replace(**{"time.smallest_step": 0.04, "output.fields_every": 0}), tmp_path / "failed", quiet=True)
     monkeypatch.undo()
     wanted = run(CASE.replace(**{"time.end": 0.2, "output.fields_every": 0}), tmp_path / "short", quiet=True)

@@ -153,16 +153,14 @@ def test_an_executor_that_fails_is_told(tmp_path: Path) -> None:
     assert outcome.failure == "BrokenExecutor: the node is gone"
 
 
-def test_interrupted_children_are_asked_until_they_hear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Children that ignore the signal for a while, or for ever, are gone when the study has been interrupted."""
-    monkeypatch.setattr(study, "ENTREATY_SECONDS", 0.3)
-    monkeypatch.setattr(study, "ENTREATIES", 8)
-    deaf = "import signal, time; signal.signal(2, signal.SIG_IGN); print(flush=True); time.sleep({}); " \
-           "signal.signal(2, signal.default_int_handler); time.sleep(60)"  # fmt: skip
+def test_interrupted_children_are_asked_twice_then_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first signal may wait for the end of a step, the second is heard at once; what ignores both is killed."""
+    monkeypatch.setattr(study, "PATIENCE", (1.0, 1.0))
+    code = "import signal, time; signal.signal(2, {}); print(flush=True); [time.sleep(0.1) for _ in range(600)]"
     children = [
-        subprocess.Popen([sys.executable, "-c", deaf.format(seconds)], stdout=subprocess.PIPE, text=True,
-                         stderr=subprocess.DEVNULL, start_new_session=True, cwd=tmp_path)
-        for seconds in (0.7, 60)
+        subprocess.Popen([sys.executable, "-c", code.format(heard)], stdout=subprocess.PIPE, text=True,
+                         start_new_session=True, cwd=tmp_path)
+        for heard in ("lambda *_: signal.signal(2, signal.SIG_DFL)", "signal.SIG_IGN")
     ]  # fmt: skip
     for child in children:
         assert child.stdout is not None

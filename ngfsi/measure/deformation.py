@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.forms import rules
 from ngfsi.solve.system import System
 from ngfsi.units import from_si
 
 SHOWN = "mm"
-SHAPES = (ng.TRIG, ng.QUAD, ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
-
 
 CLOSE = 0.2
 """det F below which elements are said to be close to inversion."""
@@ -29,11 +28,11 @@ class Deformation:
         domain, motion = system.domain, system.state.components[0]
         self._solids = domain.geometry.solids
         self._size, self._J = ng.Norm(motion), Kinematics(ng.Grad(motion)).J
-        rules = {shape: ng.IntegrationRule(shape, 2 * system.unknowns.order) for shape in SHAPES}
+        points = rules(2 * system.unknowns.order)
         self._place = ng.CF((ng.x, ng.y, ng.z)[: domain.mesh.dim]) + motion
         self._fluid = domain.geometry.fluid
         self._warned: set[str] = set()
-        self._points = {name: domain.mesh.MapToAllElements(rules, domain.materials(name)) for name in domain.regions}
+        self._points = {name: domain.mesh.MapToAllElements(points, domain.materials(name)) for name in domain.regions}
 
     def smallest_jacobian(self, region: str) -> float:
         """Return the smallest det F of a region."""
