@@ -100,7 +100,7 @@ def test_page(tmp_path: Path) -> None:
     assert "![Convergence](verification/one.png)" in text
     assert (tmp_path / FOLDER / "one.png").stat().st_size > 10_000
     assert "Sources: a book; a paper" in text
-    assert "**Not verified:** Vortices behind" in text
+    assert "**Not verified:** Turek-Hron CFD3" in text
 
 
 def test_signals(tmp_path: Path) -> None:

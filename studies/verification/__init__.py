@@ -5,9 +5,8 @@
 """
 
 NOT_VERIFIED = (
-    "Vortices behind a rigid beam (Turek-Hron CFD3) and the whole wave of DFG 2D-3, whose levels full are written but "
-    "not computed yet; Turek-Hron FSI2 and FSI3 beyond one mesh and step each; reversed flow through the outlet, where "
-    "the term against backflow is that of no exact solution; transient flow over walls of a law that is not linear in "
-    "shear; tetrahedra; contact, viscosity and growth of solids, which ngfsi does not have."
+    "Turek-Hron CFD3, FSI2 and FSI3 beyond one mesh and step each; reversed flow through the outlet, where the term "
+    "against backflow is that of no exact solution; transient flow over walls of a law that is not linear in shear; "
+    "tetrahedra; contact, viscosity and growth of solids, which ngfsi does not have."
 )
 """What no benchmark holds yet."""
