@@ -33,7 +33,7 @@ from ngfsi.displacement import OutlineDisplacement
 from ngfsi.domain import Domain
 from ngfsi.materials import MooneyRivlin, load_set
 from ngfsi.outline import Outline
-from ngfsi.output.disk import explained
+from ngfsi.output.disk import explained, replace_file
 from ngfsi.output.figures import Line, lines
 from ngfsi.output.summary import console
 from ngfsi.output.table import write_rows
@@ -308,8 +308,7 @@ def write_report(
         "All numbers: [results.csv](results.csv).",
     ]
     path = folder / "report.md"
-    with explained(path):
-        path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    replace_file(path, ("\n\n".join(parts) + "\n").encode())
     return path
 
 

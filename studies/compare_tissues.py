@@ -13,6 +13,7 @@ from geometry.calf import CalfSegment
 from geometry.segment import MeshSettings
 from ngfsi.case import Case, Discretisation, Loads, Materials, Output, TimeStepping
 from ngfsi.curves import PressureRamp
+from ngfsi.output.disk import replace_file
 from ngfsi.output.summary import console
 from ngfsi.study import Outcome, run_cases
 from ngfsi.units import MMHG
@@ -104,7 +105,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome], *, q
     missing = {VARIANTS[key].title: outcomes[key].failure for key, finding in found.items() if finding is None}
     results = report.results_table(findings.values(), missing)
     path = folder / "report.md"
-    path.write_text(_text(level, findings, results, draw(findings, folder)), encoding="utf-8")
+    replace_file(path, _text(level, findings, results, draw(findings, folder)).encode())
     if not quiet:
         console().print(report.terminal_table(findings.values()))
     return path

@@ -22,7 +22,7 @@ from ngfsi.domain import Domain
 from ngfsi.errors import SolverError
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.plane import PlaneSectionProbe, SectionMap
-from ngfsi.output.disk import explained
+from ngfsi.output.disk import explained, replace_file
 from ngfsi.output.figures import FieldMap, Line, field_maps, lines
 from ngfsi.output.summary import console
 from ngfsi.output.table import write_rows
@@ -201,8 +201,7 @@ def write_report(level: str, folder: Path, findings: Sequence[Finding], needed: 
         "All numbers: [results.csv](results.csv).",
     ]
     path = folder / "report.md"
-    with explained(path):
-        path.write_text("\n\n".join(parts).replace(".\n\n- **", ".\n- **") + "\n", encoding="utf-8")
+    replace_file(path, ("\n\n".join(parts).replace(".\n\n- **", ".\n- **") + "\n").encode())
     return path
 
 

@@ -25,7 +25,7 @@ from ngfsi.errors import NgfsiError
 from ngfsi.materials import Newtonian, load_set
 from ngfsi.measure.wall import Wall
 from ngfsi.outline import Outline
-from ngfsi.output.disk import explained
+from ngfsi.output.disk import explained, replace_file
 from ngfsi.output.figures import Line, lines
 from ngfsi.output.summary import console
 from ngfsi.output.table import write_rows
@@ -233,8 +233,7 @@ def write_report(level: str, folder: Path, found: Sequence[Finding], cycle: Cycl
         "All numbers: [results.csv](results.csv).",
     ]
     path = folder / "report.md"
-    with explained(path):
-        path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    replace_file(path, ("\n\n".join(parts) + "\n").encode())
     return path
 
 

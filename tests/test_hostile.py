@@ -26,7 +26,7 @@ from ngfsi.output import RunFolder
 from ngfsi.solve.timeloop import TimeLoop
 from tests.test_case import TEXT
 
-NUMBER = 2000
+NUMBER = 600
 FILES = (
     TEXT.replace("calf:CalfSegment", "tube:TubeSegment"),
     (Path(__file__).parents[1] / "studies" / "calf.toml").read_text(encoding="utf-8"),
@@ -159,7 +159,7 @@ VALID: dict[str, st.SearchStrategy[Any]] = {
 }  # fmt: skip
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(st.fixed_dictionaries({}, optional=VALID))
 def test_round_trip(changes: dict[str, Any]) -> None:
     """What is written is read as the same case, whatever floats its units and factors make."""
@@ -170,7 +170,7 @@ def test_round_trip(changes: dict[str, Any]) -> None:
     assert again.to_toml() == case.to_toml()
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=100, deadline=None, derandomize=True)
 @given(st.text(max_size=30), st.one_of(st.text(max_size=30), st.integers(), st.floats(), st.none(), st.booleans()))
 def test_changes_on_the_command_line(key: str, value: Any) -> None:
     """`--set` with any text: a case or one sentence."""

@@ -23,6 +23,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from PIL import Image
 
+from ngfsi.output.disk import explained
 from ngfsi.output.fields import DISPLACEMENT, REGION
 from ngfsi.output.stored import StoredRun, open_run
 from ngfsi.units import from_si
@@ -93,7 +94,9 @@ def animation(run: StoredRun, path: Path) -> str:
 
 def _in_child(request: Request) -> str:
     path = Path(request.path)
-    path.unlink(missing_ok=True)
+    with explained(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory(prefix="ngfsi-render-") as scratch:
         file = Path(scratch) / "request.json"
         file.write_text(json.dumps(asdict(request)), encoding="utf-8")

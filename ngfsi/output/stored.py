@@ -136,7 +136,7 @@ def open_run(path: Path | str) -> StoredRun:
     """
     folder = Path(path)
     if not folder.is_dir():
-        raise OutputError(f"the folder '{folder}' does not exist: name the folder of a run, e.g. runs/demo")
+        raise OutputError(f"the folder '{folder}' does not exist: name the folder of a run, e.g. runs/calf")
     if not (folder / MANIFEST).exists() or not (folder / CASE).exists():
         raise OutputError(f"the folder '{folder}' holds no run: {MANIFEST} and {CASE} are expected in it")
     with explained(folder / MANIFEST, "read"):

@@ -11,6 +11,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from ngfsi.errors import OutputError
 from ngfsi.output import render
 from ngfsi.output.render import animation, displacement_picture, wall_shear_picture
 from ngfsi.output.stored import StoredRun
@@ -70,3 +71,8 @@ def test_animation(stored: StoredRun, tmp_path: Path) -> None:
         column = np.ptp(picture[:, picture.shape[1] // 2], axis=-1) > 30
         heights.append(column.sum())
     assert heights[1] / heights[0] == pytest.approx(np.sqrt(0.75), abs=0.06)
+
+
+def test_an_animation_that_cannot_be_written(stored: StoredRun, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="cannot be written: Is a directory"):
+        animation(stored, tmp_path)
