@@ -26,7 +26,7 @@ from ngfsi.output import RunFolder
 from ngfsi.solve.timeloop import TimeLoop
 from tests.test_case import TEXT
 
-NUMBER = 600
+NUMBER = 2000
 FILES = (
     TEXT.replace("calf:CalfSegment", "tube:TubeSegment"),
     (Path(__file__).parents[1] / "studies" / "calf.toml").read_text(encoding="utf-8"),
