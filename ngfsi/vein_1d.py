@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 OverTime = Callable[[float], float]
 
 CELLS = 30
-"""Of a vein that is compared with a run: doubling them changes nothing that could be seen."""
+"""Of a vein that is compared with a run. With twice as many the calf's flow differs by 0.1 %, SAWSS by 0.9 % (rms)."""
 TOLERANCE, SLOW = 1e-7, 1e-2
 """Of the time integration, relative; below this share of the wave speed velocities are held against that."""
 _ZEROS = jn_zeros(2, 12) ** 2

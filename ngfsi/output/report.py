@@ -18,7 +18,7 @@ from ngfsi.output.charts import Runs
 from ngfsi.output.disk import explained
 from ngfsi.output.load import transmission
 from ngfsi.output.stored import SAME_TIME, StoredRun, open_run
-from ngfsi.output.tube import AGAINST, in_one_dimension, overall_error, tube_laws
+from ngfsi.output.tube import externals, in_one_dimension, overall_error, tube_laws
 from ngfsi.units import from_si
 
 REFERENCES = (
@@ -232,7 +232,7 @@ def _fits(runs: Runs) -> str:
     head = ["run, law", "against", "A0 at mid-length mm²", "K kPa", "rms error of area %", "largest %"]
     rows = []
     for title, run in runs.items():
-        for against in AGAINST:
+        for against in externals(run):
             for name, fits in tube_laws(run, against).items():
                 middle = fits[len(fits) // 2].law
                 rows.append([escape(f"{title}, {name}"), against, f"{1e6 * float(middle.area):.2f}",

@@ -18,7 +18,11 @@ from ngfsi.vein_1d import CELLS, CollapsibleVein, Solution
 Array = NDArray[np.float64]
 Against = Literal["skin", "tissue"]
 """What is taken for the external pressure: that on the skin, or the tissue's normal traction on the wall."""
-AGAINST: tuple[Against, ...] = ("skin", "tissue")
+
+
+def externals(run: StoredRun) -> tuple[Against, ...]:
+    """Return what the external pressure of a run can be: with cuffs none on the skin is that of the whole vein."""
+    return ("tissue",) if run.case.loads.cuffs else ("skin", "tissue")
 
 
 def areas(run: StoredRun) -> Array:
@@ -30,8 +34,13 @@ def transmural(run: StoredRun, against: Against) -> Array:
     """Return the transmural pressure (Pa) at each station over time, (times, stations).
 
     Raises:
-        OutputError: the run was computed before that was measured.
+        OutputError: the run was computed before that was measured, or has cuffs instead of one pressure on the skin.
     """
+    if against not in externals(run):
+        raise OutputError(
+            f"the run in '{run.path}' has cuffs on its skin, not one pressure: its transmural pressure is known "
+            "against the tissue only"
+        )
     if against == "tissue":
         return _stations(run, "p_transmural", "Pa")
     return _stations(run, "p_blood", "Pa") - run.series["skin_pressure_Pa"][:, None]
@@ -42,7 +51,7 @@ def tube_laws(run: StoredRun, against: Against = "skin") -> Mapping[str, list[Fi
 
     Raises:
         OutputError: as of `transmural`.
-        SolverError: the run has no tube law: its transmural pressure or its area hardly changes.
+        SolverError: a law does not fit, e.g. since the transmural pressure or the area hardly changes.
     """
     pressure, area = transmural(run, against), areas(run)
     fits = {name: [fit(name, p, a) for p, a in zip(pressure.T, area.T, strict=True)] for name in LAWS}
@@ -89,8 +98,11 @@ def in_one_dimension(run: StoredRun) -> Comparison:
     """Compute the loads of a run in one dimension, with the law that fits best against the pressure on the skin.
 
     Raises:
-        OutputError, SolverError: as of `tube_laws`; the vein chokes or collapses.
+        OutputError: as of `tube_laws`, or the run has a given pressure at its inlet.
+        SolverError: as of `tube_laws`, or the vein chokes or collapses.
     """
+    if run.case.loads.inlet_pressure is not None:
+        raise OutputError(f"the run in '{run.path}' has a given inlet pressure: one dimension takes a given inlet flow")
     fits = next(iter(tube_laws(run).values()))
     places, stations = (np.arange(CELLS) + 0.5) / CELLS, np.linspace(0, 1, STATIONS)
     area, stiffness = (

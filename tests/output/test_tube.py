@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ngfsi.case import Cuff
+from ngfsi.curves import PressureConstant
 from ngfsi.errors import OutputError
 from ngfsi.output.stored import StoredRun
 from ngfsi.output.tube import Against, in_one_dimension, overall_error, tube_laws
+from ngfsi.tube_law import LAWS
 from tests.output.fake import INFLATION, unloaded_area
 
 LOSS, FULL = 0.25, INFLATION * unloaded_area()
@@ -45,3 +48,15 @@ def test_runs_without_these_pressures(stored: StoredRun) -> None:
     old.__dict__["series"] = {name: values for name, values in stored.series.items() if "p_blood" not in name}
     with pytest.raises(OutputError, match="holds no p_blood_z00_Pa"):
         tube_laws(old)
+
+
+def test_loads_that_one_dimension_does_not_know(stored: StoredRun) -> None:
+    """No law against a skin with cuffs, and no wrong flow where a pressure drives it."""
+    pressure = PressureConstant(value=2000.0)
+    cuffed, driven = replace(stored), replace(stored)
+    cuffed.__dict__["case"] = stored.case.replace(**{"loads.cuffs": (Cuff(pressure=pressure, start=0.02, end=0.06),)})
+    driven.__dict__["case"] = stored.case.replace(**{"loads.inlet_pressure": pressure})
+    assert len(tube_laws(cuffed, "tissue")) == len(LAWS)
+    for run, said in ((cuffed, "has cuffs"), (driven, "given inlet pressure")):
+        with pytest.raises(OutputError, match=said):
+            in_one_dimension(run)
