@@ -11,6 +11,7 @@ from ngsolve import Id, InnerProduct
 from ngfsi.domain import Vein
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.sections import Sections
+from ngfsi.measure.transmural import WallLoad, elements_at
 from ngfsi.measure.wall import ShearStatistics, Wall
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
@@ -32,6 +33,7 @@ class Probe:
         self.sections = Sections(system)
         self.outlines = Sections(system, np.linspace(0.0, self.vein.length, system.case.output.stations))
         self.deformation = Deformation(system)
+        self.load = WallLoad(system, self.sections.heights)
         self.shear = self.consistent_shear = ShearStatistics(0.0, 0.0, 0.0, 0.0)
         self._fields = system.fields(system.state.components)
         self._motion = Kinematics(self._fields.grad_motion)
@@ -42,6 +44,7 @@ class Probe:
         """Take the system's present state."""
         self.wall.refresh()
         self.sections.refresh(self.wall.field)
+        self.load.refresh()
         self.shear = self.wall.statistics(self.system.case.output.low_shear)
         self.consistent_shear = self.wall.statistics(method="consistent")
         self._known.clear()
@@ -90,7 +93,8 @@ class Probe:
         integrals: dict[str, Any] = {}
         for name, law in self.system.solids.items():
             p = terms.hydrostatic_pressure(law, strain).Compile()
-            side = self.domain.dx(name, element_boundary=True, definedonelements=self._elements_at(name, "wall_outer"))
+            near = elements_at(self.domain, name, "wall_outer")
+            side = self.domain.dx(name, element_boundary=True, definedonelements=near)
             integrals[f"p*size {name}@wall_outer"] = (p * area).Compile() * side
         surface = Kinematics(grad_d.Trace())
         integrals["size wall_outer"] = ng.Norm(surface.cof * normal) * self.domain.ds("wall_outer")
@@ -98,14 +102,3 @@ class Probe:
         integrals["p*size wall"] = (p_wall * k.J).Compile() * self.domain.dx("wall")
         integrals["size wall"] = k.J * self.domain.dx("wall")
         return integrals
-
-    def _elements_at(self, region: str, boundary: str) -> ng.BitArray:
-        """Return the elements of a region that touch a boundary."""
-        mesh = self.domain.mesh
-        touching = {v.nr for element in self.domain.boundaries(boundary).Elements() for v in element.vertices}
-        chosen = ng.BitArray(mesh.ne)
-        chosen[:] = False
-        for element in self.domain.materials(region).Elements():
-            if any(v.nr in touching for v in element.vertices):
-                chosen[element.nr] = True
-        return chosen

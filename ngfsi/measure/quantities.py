@@ -75,6 +75,24 @@ def _shear(index: int) -> Quantity:
     )
 
 
+def _blood(index: int) -> Quantity:
+    return Quantity(
+        f"p_blood_z{index:02d}",
+        "Pa",
+        f"pressure of the blood on the axis at station {index}",
+        lambda probe: float(probe.load.blood[index]),
+    )
+
+
+def _transmural(index: int) -> Quantity:
+    return Quantity(
+        f"p_transmural_z{index:02d}",
+        "Pa",
+        f"pressure of the blood less that of the tissue on the wall (normal traction), at station {index}",
+        lambda probe: float(probe.load.blood[index] - probe.load.tissue[index]),
+    )
+
+
 def _jacobian(region: str) -> Quantity:
     return Quantity(
         f"detF_min_{region}",
@@ -100,6 +118,8 @@ QUANTITIES: tuple[Quantity, ...] = (
     Quantity("wss_max", "Pa", "largest wall shear stress", lambda p: p.shear.largest),
     Quantity("wss_low_area", "1", "share of the wall's area with low wall shear stress", lambda p: p.shear.low),
     *(_shear(index) for index in range(STATIONS)),
+    *(_blood(index) for index in range(STATIONS)),
+    *(_transmural(index) for index in range(STATIONS)),
     Quantity(
         "sawss_consistent",
         "Pa",

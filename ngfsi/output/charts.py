@@ -18,6 +18,7 @@ from ngfsi.output.fields import DISPLACEMENT, REGION
 from ngfsi.output.figures import COLOURS, QUIET
 from ngfsi.output.load import Surroundings
 from ngfsi.output.stored import StoredRun
+from ngfsi.output.tube import Comparison, areas, externals, transmural, tube_laws
 
 Array = NDArray[np.float64]
 Runs = Mapping[str, StoredRun]
@@ -76,11 +77,47 @@ def along_vein(runs: Runs, prefix: str, suffix: str, factor: float, label: str) 
     figure = _figure("position along the vein [mm]", label)
     for (title, run), colour in zip(runs.items(), _colours(), strict=False):
         columns = sorted(name for name in run.series if name.startswith(prefix) and name.endswith(suffix))
+        if not columns:
+            raise KeyError(f"{prefix}00{suffix}")
         heights = np.linspace(0, run.case.geometry.length * 1e3, len(columns))
         for row, dash in ((0, "dot"), (-1, "solid")):
             values = [factor * run.series[name][row] for name in columns]
             figure.add_scatter(x=heights, y=values, name=f"{title}, t = {run.series['time_s'][row]:.3g} s",
                                mode="lines+markers", line={"color": colour, "dash": dash})  # fmt: skip
+    return figure
+
+
+def tube_law(runs: Runs) -> go.Figure:
+    """Return the area at mid-length over the transmural pressure against the skin (filled) and against the tissue's
+    traction on the wall (hollow), with the laws fitted to the first there is, a panel per run."""
+    figure = _panels(list(runs), "transmural pressure [kPa]", "area at mid-length [mm²]", shared_yaxes=True)
+    for column, run in enumerate(runs.values(), start=1):
+        place, shown = {"row": 1, "col": column}, {"showlegend": column == 1}
+        area = areas(run)
+        middle = area.shape[1] // 2
+        for against in externals(run):
+            symbol = "circle" if against == "skin" else "circle-open"
+            pressure = transmural(run, against)[:, middle]
+            figure.add_scatter(x=pressure / 1e3, y=area[:, middle] * 1e6, name=f"computed, against {against}",
+                               mode="markers", marker={"color": QUIET, "symbol": symbol}, **shown, **place)  # fmt: skip
+        range_of = np.linspace(area[:, middle].min(), area[:, middle].max(), 60)
+        for colour, (name, fits) in zip(_colours(), tube_laws(run, externals(run)[0]).items(), strict=False):
+            figure.add_scatter(x=fits[middle].law.pressure(range_of) / 1e3, y=range_of * 1e6, name=name, mode="lines",
+                               line={"color": colour}, **shown, **place)  # fmt: skip
+    return figure
+
+
+def one_dimension(comparisons: Mapping[str, Comparison]) -> go.Figure:
+    """Return area, outflow and SAWSS over time in three dimensions (solid) and in one (dashed)."""
+    units = {"area": ("mean area [mm²]", 1e6), "flow": ("outflow [ml/s]", 1e6), "SAWSS": ("SAWSS [Pa]", 1.0)}
+    figure = _style(make_subplots(1, len(units), horizontal_spacing=0.08)).update_xaxes(title="time [s]")
+    for column, (quantity, (label, factor)) in enumerate(units.items(), start=1):
+        figure.update_yaxes(title=label, col=column)
+        for (title, compared), colour in zip(comparisons.items(), _colours(), strict=False):
+            for what, values, dash in (("3-D", compared.three, "solid"), ("1-D", compared.one, "dash")):
+                figure.add_scatter(x=compared.solution.times, y=factor * values[quantity], name=f"{title}, {what}",
+                                   mode="lines", line={"color": colour, "dash": dash}, showlegend=column == 1, row=1,
+                                   col=column)  # fmt: skip
     return figure
 
 

@@ -18,6 +18,7 @@ from ngfsi.output.charts import Runs
 from ngfsi.output.disk import explained
 from ngfsi.output.load import transmission
 from ngfsi.output.stored import SAME_TIME, StoredRun, open_run
+from ngfsi.output.tube import externals, in_one_dimension, overall_error, tube_laws
 from ngfsi.units import from_si
 
 REFERENCES = (
@@ -56,6 +57,7 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
         _headline(runs),
         _setup(runs),
         *_charts(runs),
+        *_tube(runs),
         _claims(runs, claims or {}),
         _costs(runs),
         _sources(runs),
@@ -193,6 +195,55 @@ def _charts(runs: Runs) -> list[str]:
          "Hydrostatic pressure of the tissue at the outer face of the vein's wall, and pressure on the skin."),
     ]  # fmt: skip
     return [_chart(*one) for one in first]
+
+
+def _tube(runs: Runs) -> list[str]:
+    """Return the transmural pressure, the tube law, and the runs again in one dimension."""
+    shown = [
+        _chart("Along the vein: transmural pressure",
+               lambda: charts.along_vein(runs, "p_transmural_z", "_Pa", 1e-3, "transmural pressure [kPa]"),
+               "Blood less tissue: its normal traction on the wall, mean around. Dotted: t = 0."),
+        _chart("Tube law", lambda: charts.tube_law(runs), ""),
+    ]  # fmt: skip
+    try:
+        shown.append(_fits(runs))
+        compared = {title: in_one_dimension(run) for title, run in runs.items()}
+    except (NgfsiError, KeyError) as error:
+        return [*shown, f"<h2>In one dimension</h2>{_note(f'Not shown: {error}')}"]
+    head = ["run, 1-D against 3-D", *(f"{name}: mean, rms %" for name in ("area", "flow", "SAWSS"))]
+    rows = [
+        [escape(title), *(f"{100 * gap.mean:+.2f}, {100 * gap.rms:.2f}" for gap in one.gaps.values())]
+        for title, one in compared.items()
+    ]
+    note = (
+        "Solid: this run; dashed: mass, momentum, the best tube law against the skin, and unsteady laminar friction "
+        "along the vein, with the same loads. Table: gap of the mean over time, and root mean square, over the mean of "
+        "the three-dimensional run. Coarse steps damp the swinging of the blood there."
+    )
+    return [
+        *shown,
+        _chart("In one dimension", lambda: charts.one_dimension(compared), ""),
+        _table(head, rows),
+        _note(note),
+    ]
+
+
+def _fits(runs: Runs) -> str:
+    head = ["run, law", "against", "A0 at mid-length mm²", "K kPa", "rms error of area %", "largest %"]
+    rows = []
+    for title, run in runs.items():
+        for against in externals(run):
+            for name, fits in tube_laws(run, against).items():
+                middle = fits[len(fits) // 2].law
+                rows.append([escape(f"{title}, {name}"), against, f"{1e6 * float(middle.area):.2f}",
+                             f"{float(middle.stiffness) / 1e3:.3f}", f"{100 * overall_error(fits):.3f}",
+                             f"{100 * max(one.largest for one in fits):.3f}"])  # fmt: skip
+    note = (
+        "Laws: linear, T = K (a - 1) with a = A/A0; elastic ring, K (sqrt a - 1), Sherwin et al., J Eng Math 47 "
+        "(2003); collapsible, K (a^10 - a^-1.5), Shapiro, J Biomech Eng 99 (1977), Brook et al., J Fluid Mech 396 "
+        "(1999). Errors are relative to the computed areas at all stations and times."
+    )
+    return _table(head, rows) + _note(note)
 
 
 def _column(run: StoredRun, name: str) -> Any:

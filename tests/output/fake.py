@@ -92,6 +92,11 @@ def _row(case: Case, time: float, stretch: float) -> dict[str, float]:
         "p_wall_side_Pa": 5000.0 * time,
         "p_wall_mean_Pa": 4000.0 * time,
     }
+    skin, blood = case.loads.skin_pressure(time), case.loads.outlet_pressure(time)
+    for station in range(11):
+        given[f"area_z{station:02d}_m2"] = area
+        given[f"p_blood_z{station:02d}_Pa"] = blood
+        given[f"p_transmural_z{station:02d}_Pa"] = blood - 0.8 * skin
     columns = [quantity.column for quantity in QUANTITIES]
     return {"time_s": time, "step_s": case.time.step if time else 0.0} | {c: given.get(c, 1.0) for c in columns}
 

@@ -66,6 +66,8 @@ def test_what_it_says(page: Path) -> None:
     ratio = 1.5 * 0.75**-1.5
     assert f"<b>{ratio:.2f}</b>" in text
     assert "fake (M): volume reduction percent</td><td>30</td><td>25</td><td>-5</td>" in text
+    # the fake's area is linear in the pressure on the skin
+    assert re.search(r"fake, linear</td><td>skin</td>.*?<td>0.000</td><td>0.000</td>", text)
     # nothing is fetched: no address is loaded by the page itself
     assert not re.search(r"(src|href)\s*=", text)
 
@@ -107,7 +109,7 @@ def test_in_a_browser(page: Path, tmp_path: Path) -> None:
     in_space = {name: count for name, count in found["colours"].items() if "in_space" in name}
     assert len(in_space) == 4
     assert min(in_space.values()) > 100, in_space
-    assert len(found["colours"]) == 15
+    assert len(found["colours"]) == 18
     assert min(found["colours"].values()) > 5, found["colours"]
 
 

@@ -1,0 +1,52 @@
+"""Pressure on the vein's wall against Lame's ring, and of the blood against Poiseuille's law."""
+
+from __future__ import annotations
+
+import ngsolve as ng
+import numpy as np
+import pytest
+
+from geometry.segment import MeshSettings
+from geometry.tube import TubeSegment
+from ngfsi.curves import FlowConstant, PressureConstant
+from ngfsi.materials import CompressibleNeoHookean, SaintVenantKirchhoff
+from ngfsi.measure.transmural import WallLoad
+from tests.vein import BLOOD, TUBE, case_of, position, set_motion, steady, system_of
+
+INNER, WALL, OUTER, LENGTH = 5e-3, 1.5e-3, 12e-3, 20e-3
+SOFT = CompressibleNeoHookean(young=30e3, poisson=0.3, density=0.0)
+MESH = MeshSettings(axial_layers=2, far_size=4e-3, vein_size=2.5e-3, lumen_radii=(0.6,), curving_order=3)
+BLOOD_PRESSURE, SKIN_PRESSURE, FLOW = 2.0, 5.0, 1e-8
+
+
+def test_pressure_on_the_wall_and_on_the_axis() -> None:
+    tube = TubeSegment(length=LENGTH, lumen_diameter=2 * INNER, wall_thickness=WALL, outer_radius=OUTER, mesh=MESH)
+    loads = {
+        "loads.outlet_pressure": PressureConstant(value=BLOOD_PRESSURE),
+        "loads.skin_pressure": PressureConstant(value=SKIN_PRESSURE),
+        "loads.inlet_flow": FlowConstant(value=FLOW),
+    }
+    system = steady(case_of(tube, **{"materials.tissue": SOFT, "materials.wall": SOFT}, **loads))[0]
+    heights = np.linspace(0, LENGTH, 5)
+    load = WallLoad(system, heights)
+    load.refresh()
+    drop = 8 * BLOOD.viscosity * FLOW / (np.pi * INNER**4) * (LENGTH - heights)
+    assert load.blood - BLOOD_PRESSURE == pytest.approx(drop, rel=0.02, abs=0.02 * drop[0])
+    # the pressures of blood and skin reach the outer face in shares that do not depend on the (single) material
+    share = INNER**2 * (OUTER**2 / (INNER + WALL) ** 2 - 1) / (OUTER**2 - INNER**2)
+    exact = SKIN_PRESSURE + share * (BLOOD_PRESSURE - SKIN_PRESSURE)
+    assert load.tissue == pytest.approx(np.full(5, exact), rel=5e-3)
+
+
+def test_large_strain() -> None:
+    """All is widened by a tenth across the vein: the second Piola stress of Saint Venant and Kirchhoff is the true one
+    there, (2 lambda + 2 mu) (1.1^2 - 1) / 2, and the wall's own law does not matter."""
+    young, poisson, stretch = 20e3, 0.2, 1.1
+    tissue = SaintVenantKirchhoff(young=young, poisson=poisson, density=0.0)
+    system = system_of(case_of(TUBE, **{"materials.tissue": tissue}))
+    x, y, _ = (position()[i] for i in range(3))
+    set_motion(system, (stretch - 1) * ng.CF((x, y, 0)))
+    load = WallLoad(system, np.linspace(0, TUBE.length, 3))
+    load.refresh()
+    factor = young / ((1 + poisson) * (1 - 2 * poisson))  # lambda + mu = factor / 2
+    assert load.tissue == pytest.approx(np.full(3, -factor * (stretch**2 - 1) / 2), rel=1e-5)
