@@ -38,6 +38,8 @@ BOUNDARIES = (
     "skin",
     *(name for ends in END_NAMES.values() for name in ends),
 )
+FLAT = 1e-3
+"""Nodes of inlet and outlet may be off their plane by this share of the length."""
 GMSH = "gmsh:physical"
 
 
@@ -89,7 +91,8 @@ class Contents:
 class ExternalMesh(Section):
     """A mesh from a file: regions fluid, wall and tissue, those that it has; blood flows along z.
 
-    The inlet is round and at z = 0: the profile of the flow and the radius of the lumen are those of its circle.
+    The mesh is moved along z such that it begins at z = 0, with the inlet. The inlet is round: the profile of the flow
+    and the radius of the lumen are those of its circle.
     """
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
@@ -119,6 +122,16 @@ class ExternalMesh(Section):
                 f"'{self.file}' has no cells of {', '.join(missing)}: name its groups, which are "
                 f"{', '.join(self._found)}, in `names`"
             )
+        for name, z in (("inlet", 0.0), ("outlet", self.length)) if self.fluid else ():
+            faces = [
+                self._contents.points[corners, 2] for title, _, _, corners in self._contents.faces if title == name
+            ]
+            away = max(float(np.max(np.abs(part - z))) for part in faces)
+            if away > FLAT * self.length:
+                raise ValueError(
+                    f"the {name} of '{self.file}' must be flat at the {'lower' if z == 0 else 'upper'} end along z, a "
+                    f"node is {1e3 * away:.3g} mm away: turn the mesh such that the blood flows along z"
+                )
         return self
 
     @cached_property
@@ -211,21 +224,28 @@ class ExternalMesh(Section):
         return float(np.ptp(self._contents.points[:, 2]))
 
     @cached_property
-    def _inlet(self) -> tuple[float, float, float]:
-        """Area [m2] and centre (x, y) [m] of the inlet, curved edges included."""
+    def _ends(self) -> dict[str, tuple[float, float, float]]:
+        """Area [m2] and centre (x, y) [m] of inlet and lower end of the wall, curved edges included."""
         import ngsolve as ng
 
         mesh, shape = self._shaped
         mesh.SetDeformation(shape)
-        inlet = ng.ds(definedon=mesh.Boundaries("inlet"), bonus_intorder=4)
-        area, x, y = (float(ng.Integrate(value * inlet, mesh)) for value in (ng.CF(1.0), ng.x, ng.y))
+        found = {}
+        for name in {"inlet", "wall_bottom"} & set(self.boundary_names):
+            over = ng.ds(definedon=mesh.Boundaries(name), bonus_intorder=4)
+            area, x, y = (float(ng.Integrate(value * over, mesh)) for value in (ng.CF(1.0), ng.x, ng.y))
+            found[name] = area, x / area, y / area
         mesh.UnsetDeformation()
-        return area, x / area, y / area
+        return found
 
     @property
     def size(self) -> float:
         """Radius [m] of the circle with the area of the inlet; without blood half of the mesh's width."""
-        return float(np.sqrt(self._inlet[0] / pi)) if self.fluid else float(np.ptp(self._contents.points[:, 0])) / 2
+        return (
+            float(np.sqrt(self._ends["inlet"][0] / pi))
+            if self.fluid
+            else float(np.ptp(self._contents.points[:, 0])) / 2
+        )
 
     @property
     def lumen_radius(self) -> float:
@@ -233,9 +253,15 @@ class ExternalMesh(Section):
         return self.size
 
     @property
+    def wall_thickness(self) -> float:
+        """Thickness [m] of the ring with the area of the wall's lower end; 0 without one."""
+        area = self._ends["wall_bottom"][0] if "wall_bottom" in self._ends else 0.0
+        return float(np.sqrt(self.size**2 + area / pi)) - self.size
+
+    @property
     def vein_centre(self) -> tuple[float, float]:
         """Position (x, y) of the inlet's centre [m]."""
-        return self._inlet[1:]
+        return self._ends["inlet"][1:]
 
     def inflow(self) -> Any:
         """Return the developed velocity of unit mean through a round inlet."""
@@ -316,6 +342,7 @@ def _contents(raw: Any, groups: Iterator[tuple[str, Kind, Indices]], scale: floa
     new = np.full(len(nodes), -1)
     new[used] = np.arange(len(used))
     points = nodes[used]
+    points[:, 2] -= points[:, 2].min()
     cells = tuple((name, kind, _positive(points, kind, new[n[:, : kind.corners]])) for name, kind, n in bodies)
     surfaces = [(name, new[n[:, : kind.corners]]) for name, kind, n in named if kind.dim == 2]
     return Contents(points, cells, _faces(points, cells, surfaces, file), _bulges(nodes, new, bodies))

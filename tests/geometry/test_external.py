@@ -86,6 +86,7 @@ def test_gmsh_file_of_second_order(tmp_path: Path) -> None:
     for name in before.geometry.boundary_names:
         assert domain.area(name) == pytest.approx(before.area(name), rel=1e-8)
     assert external.lumen_radius == pytest.approx(geometry.lumen_radius, rel=1e-3)
+    assert external.wall_thickness == pytest.approx(geometry.wall_thickness, rel=2e-3)
     assert external.vein_centre == pytest.approx((0.0, 0.0), abs=1e-6)
     outwards = ng.CF((ng.x, ng.y, ng.z)) * ng.specialcf.normal(3)
     flux = ng.Integrate(outwards * domain.ds("interface", "outlet", "inlet", bonus_intorder=4), domain.mesh)
@@ -94,7 +95,8 @@ def test_gmsh_file_of_second_order(tmp_path: Path) -> None:
 
 def test_vtu_file_of_wedges_and_hexahedra(tmp_path: Path) -> None:
     geometry, file = tube("mixed", 1), tmp_path / "tube.vtu"
-    raw, numbers = raw_mesh(*cells_of(geometry), "part")
+    points, rows = cells_of(geometry)
+    raw, numbers = raw_mesh(points + np.array([0.0, 0.0, 7.0]), rows, "part")
     meshio.write(file, raw)
     names = {str(number): name for name, number in numbers.items()}
     external = ExternalMesh(file=str(file), groups="part", names=names)
@@ -102,6 +104,7 @@ def test_vtu_file_of_wedges_and_hexahedra(tmp_path: Path) -> None:
     assert after.statistics()["elements_by_type"] == before.statistics()["elements_by_type"]
     for name in before.regions:
         assert after.volume(name) == pytest.approx(before.volume(name), rel=1e-10)
+    assert np.min([v.point[2] for v in after.mesh.vertices]) == 0.0
     with pytest.raises(GeometryError, match="has no groups 'gmsh:physical' and no sets: its arrays of cells are part"):
         ExternalMesh(file=str(file))
 
@@ -154,6 +157,9 @@ def test_refused_files(tmp_path: Path) -> None:
     without = {key: name for key, name in names.items() if name != "inlet"}
     with pytest.raises(GeometryError, match=r"a face between fluid and outside near \(.*, 0\) mm has no name"):
         ExternalMesh(**given, names=without)
+    turned = {**names, str(numbers["inlet"]): "outlet", str(numbers["outlet"]): "inlet"}
+    with pytest.raises(GeometryError, match=r"the inlet of .* must be flat at the lower end along z, a node is 10 mm"):
+        ExternalMesh(**given, names=turned)
     with pytest.raises(GeometryError, match="has no cells of fluid, wall, tissue: name its groups"):
         ExternalMesh(**given)
     external = ExternalMesh(**given, names=names)
