@@ -10,7 +10,7 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-from geometry.external import HEXAHEDRON, TETRA, ExternalMesh
+from geometry.external import ExternalMesh
 from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
 from ngfsi.domain import Domain
@@ -20,6 +20,10 @@ from tests.vein import domain_of
 KINDS = {4: "tetra", 6: "wedge", 8: "hexahedron"}
 FACES = {3: "triangle", 4: "quad"}
 MM = 1e3
+TETRA_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+"""Between which corners VTK has its nodes 4 to 9; of the cube below, its nodes 8 to 19."""
+CUBE_EDGES = ((0, 1), (1, 2), (2, 3), (0, 3), (4, 5), (5, 6), (6, 7), (4, 7), (0, 4), (1, 5), (2, 6), (3, 7))
+CUBE_FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 
 
 def tube(element: Any, order: int) -> TubeSegment:
@@ -33,7 +37,7 @@ Rows = dict[tuple[str, str], list[list[int]]]
 
 
 def cells_of(geometry: TubeSegment) -> tuple[np.ndarray, Rows]:
-    """Return corners [mm] of the straight mesh of a tube, and the cells by name and kind."""
+    """Return corners [mm] of the straight mesh of a tube, and the cells by name and kind, faces in either sense."""
     mesh = domain_of(geometry).mesh
     rows: Rows = {}
     for elements, kinds, names in (
@@ -41,7 +45,7 @@ def cells_of(geometry: TubeSegment) -> tuple[np.ndarray, Rows]:
         (mesh.Elements(ng.BND), FACES, geometry.boundary_names),
     ):
         for element in elements:
-            nodes = [v.nr for v in element.vertices]
+            nodes = [v.nr for v in element.vertices][:: 1 if len(element.edges) > 4 or element.nr % 2 else -1]
             if element.mat in names:
                 rows.setdefault((element.mat, kinds[len(nodes)]), []).append(nodes)
     return MM * np.array([v.point for v in mesh.vertices]), rows
@@ -64,7 +68,7 @@ def test_gmsh_file_of_second_order(tmp_path: Path) -> None:
     for (name, kind), cells in list(rows.items()):
         if kind == "tetra":
             for nodes in cells:
-                edges = [tuple(sorted((nodes[a], nodes[b]))) for a, b in TETRA.edges]
+                edges = [tuple(sorted((nodes[a], nodes[b]))) for a, b in TETRA_EDGES]
                 nodes += [middle.setdefault(edge, len(points) + len(middle)) for edge in edges]
             rows[name, "tetra10"] = rows.pop((name, kind))
     straight = np.vstack([points, [points[list(edge)].mean(axis=0) for edge in middle]])
@@ -133,9 +137,9 @@ def test_hexahedron_of_second_order(tmp_path: Path) -> None:
     """A cube under z -> z (1 + 4 a x (1 - x)), which its second-order cell has exactly: of the volume 1 + 2 a / 3."""
     a, file = 0.3, tmp_path / "cube.msh"
     corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1.0)])
-    points = np.vstack([corners, [corners[list(edge)].mean(axis=0) for edge in HEXAHEDRON.edges]])
+    points = np.vstack([corners, [corners[list(edge)].mean(axis=0) for edge in CUBE_EDGES]])
     points[:, 2] *= 1 + 4 * a * points[:, 0] * (1 - points[:, 0])
-    rows = {("wall", "hexahedron20"): [list(range(20))], ("skin", "quad"): [list(face) for face in HEXAHEDRON.faces]}
+    rows = {("wall", "hexahedron20"): [list(range(20))], ("skin", "quad"): [list(face) for face in CUBE_FACES]}
     raw, numbers = raw_mesh(points, rows, "gmsh:physical")
     raw.cell_data["gmsh:geometrical"] = raw.cell_data["gmsh:physical"]
     meshio.write(file, raw, file_format="gmsh22", binary=False)
