@@ -10,21 +10,59 @@ them, inside by the finite elements' own continuation.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from ngsolve import BND, CoefficientFunction, GridFunction, Projector, Region, VectorH1, x, y, z
+import numpy as np
+from ngsolve import BND, EDGE, CoefficientFunction, GridFunction, NodeId, Projector, Region, VectorH1, x, y, z
+from numpy.typing import NDArray
+
+EDGE_FACTOR = -8.0
+"""NGSolve's function of second order on an edge is -1/8 in the edge's middle."""
 
 
-def reference_shape(mesh: Any, boundaries: Sequence[str], order: int, shape_map: CoefficientFunction | None) -> Any:
+@dataclass(frozen=True)
+class EdgeBulges:
+    """A shape that is quadratic on each edge, as of second-order cells without nodes in faces.
+
+    Attributes:
+        edges: numbers of their vertices, the smaller first, shape (n, 2).
+        bulges: way from the middle of the straight edge to that of the curved one, shape (n, 3) [m].
+    """
+
+    edges: NDArray[np.int64]
+    bulges: NDArray[np.float64]
+
+    def on(self, space: Any) -> Any:
+        """Return the displacement as a grid function of a vector-valued H1 space of order 2 or more."""
+        shape = GridFunction(space)
+        numbers = {(int(a), int(b)): k for k, (a, b) in enumerate(self.edges)}
+        for edge in space.mesh.edges:
+            first, second = sorted(vertex.nr for vertex in edge.vertices)
+            number = numbers.get((first, second))
+            if number is not None:
+                dofs = np.reshape(space.GetDofNrs(NodeId(EDGE, edge.nr)), (len(self.bulges[number]), -1))
+                for dof, value in zip(dofs[:, 0], self.bulges[number], strict=True):
+                    shape.vec[int(dof)] = EDGE_FACTOR * float(value)
+        return shape
+
+
+def reference_shape(
+    mesh: Any, boundaries: Sequence[str], order: int, shape_map: CoefficientFunction | EdgeBulges | None
+) -> Any:
     """Return the displacement [m] from the straight mesh to the reference shape, a grid function.
 
     Args:
         mesh: NGSolve mesh with its geometry; straight and without deformation afterwards.
         boundaries: all names; where two meet, the rim follows the first of them.
         order: polynomial order of the shape.
-        shape_map: displacement of the curved shape, in its coordinates, that follows the curving.
+        shape_map: displacement of the curved shape, in its coordinates, that follows the curving; that of edges stands
+            in its place.
     """
     space = VectorH1(mesh, order=order)
+    if isinstance(shape_map, EdgeBulges):
+        # Netgen would curve a mesh without a geometry along that of whatever mesh was there before
+        return shape_map.on(space)
     position = CoefficientFunction((x, y, z)[: mesh.dim])
     mesh.Curve(order)
     curved = _on_boundaries(space, boundaries, position)

@@ -1,0 +1,221 @@
+"""Label maps: geometry to phantom to geometry, patient axes, refusals that name the slice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import SimpleITK as sitk  # noqa: N813 - its usual name
+
+from geometry.calf_section import subject
+from geometry.imaging import LABELS, PIXEL, SLICE, LabelMap, phantom_stack
+from ngfsi.errors import GeometryError
+from ngfsi.outline import Outline
+
+ONE = subject(1)
+FRAME = Outline.circle(0.0, 0.0, 20e-3)
+SLICES = 8
+
+
+def voxel_error(outline: Outline, pixel: float = PIXEL) -> float:
+    """Standard deviation [m2] of an area counted in pixels.
+
+    Each pixel along the curve is in or out by its centre: an error evenly spread over half a pixel to either side.
+    """
+    return float(np.sqrt(outline.length / pixel / 12) * pixel**2)
+
+
+def ellipse(a: float, b: float, x: float, y: float) -> Outline:
+    t = 2 * np.pi * np.arange(48) / 48
+    return Outline.through(np.column_stack([x + a * np.cos(t), y + b * np.sin(t)]))
+
+
+LUMENS = [ellipse(3e-3 + 1e-4 * k, 2e-3, 2e-3 + 0.3e-3 * k, -1e-3 - 0.17e-3 * k) for k in range(SLICES)]
+
+
+@cache
+def vein_stack() -> Any:
+    """Label map of a bent vein alone."""
+    return phantom_stack([{"skin": FRAME, "lumen": lumen} for lumen in LUMENS], FRAME)[0]
+
+
+def test_section_to_phantom_to_section(tmp_path: Path) -> None:
+    parts = {"skin": ONE.skin, "fat": ONE.skin.offset(-5e-3), "tibia": ONE.tibia, "fibula": ONE.fibula}
+    given = {**parts, "lumen": ONE.veins[0].lumen, "lumen_2": Outline.circle(-12e-3, -18e-3, 2.5e-3)}
+    # what is outside of the fascia is fat, what is inside without a label of its own is tissue
+    labels, grey = phantom_stack([given] * 2, ONE.skin)
+    array = sitk.GetArrayFromImage(labels)
+    skin, fat = array == LABELS["skin"], array == LABELS["fat"]
+    array[skin], array[fat] = LABELS["fat"], LABELS["skin"]
+    image = sitk.GetImageFromArray(array)
+    image.CopyInformation(labels)
+    sitk.WriteImage(image, tmp_path / "labels.nii.gz")
+    section = LabelMap.read(tmp_path / "labels.nii.gz").section(1)
+    assert section.solids == ("tissue", "wall", "fat")
+    found = {"skin": section.skin, "fat": section.fascia, "tibia": section.tibia, "fibula": section.fibula}
+    found |= {"lumen": section.veins[0].lumen, "lumen_2": section.veins[1].lumen}
+    for name, outline in found.items():
+        true = given[name]
+        assert outline.area == pytest.approx(true.area, rel=0, abs=3 * voxel_error(true)), name
+        assert outline.centroid == pytest.approx(true.centroid, abs=0.2 * PIXEL), name
+        # a smooth outline: the stairs of the pixels would be 4 / pi times as long
+        assert outline.length == pytest.approx(true.length, rel=0.03), name
+    assert grey.GetPixel(40, 40, 0) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha"])
+def test_vein_to_phantom_to_vein(tmp_path: Path, suffix: str) -> None:
+    """Areas of single slices within their voxel error, and their mean within that of the mean: no bias."""
+    file = tmp_path / f"labels.{suffix}"
+    sitk.WriteImage(vein_stack(), file)
+    vein = LabelMap.read(file).vein(inlet_diameters=2.0)
+    assert vein.heights == pytest.approx(SLICE * np.arange(SLICES), rel=1e-6, abs=1e-9)
+    errors = np.array([found.area - true.area for found, true in zip(vein.outlines, LUMENS, strict=True)])
+    sigma = np.array([voxel_error(true) for true in LUMENS])
+    assert np.all(np.abs(errors) < 3 * sigma)
+    assert abs(errors.mean()) < 3 * sigma.mean() / np.sqrt(SLICES)
+    for found, true in zip(vein.outlines, LUMENS, strict=True):
+        assert found.centroid == pytest.approx(true.centroid, abs=0.2 * PIXEL)
+
+
+def test_pixels_of_two_sizes() -> None:
+    """The area of the outline is that of the pixels, also where they are no squares."""
+    numbers = np.zeros((1, 40, 20), dtype=np.int64)
+    y, x = np.mgrid[:40, :20]
+    numbers[0][((x - 10) / 4.5) ** 2 + ((y - 20) / 9) ** 2 < 1] = LABELS["lumen"]
+    image = LabelMap(numbers, (0.0, 0.0, 0.0), (2e-3, 1e-3, 5e-3), LABELS)
+    outline = image.outline("lumen", 0)
+    assert outline.area == pytest.approx(float((numbers > 0).sum()) * 2e-6, rel=0.01)
+    assert outline.centroid == pytest.approx([20e-3, 20e-3], abs=0.2e-3)
+    assert np.ptp(outline.points, axis=0) == pytest.approx([18e-3, 18e-3], rel=0.1)
+
+
+def _flipped(image: Any) -> Any:
+    return sitk.Flip(image, [True, False, True])
+
+
+def _permuted(image: Any) -> Any:
+    return sitk.PermuteAxes(image, [2, 0, 1])
+
+
+def _oblique(image: Any) -> Any:
+    """The same voxels in a scanner's axes that are turned by 20 degrees."""
+    c, s = np.cos(np.radians(20)), np.sin(np.radians(20))
+    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    image = sitk.Image(image)
+    image.SetOrigin(list(map(float, turn @ image.GetOrigin())))
+    image.SetDirection((turn @ np.reshape(image.GetDirection(), (3, 3))).ravel().tolist())
+    return image
+
+
+@pytest.mark.parametrize("stored", [_flipped, _permuted, _oblique])
+def test_direction_matrix(stored: Callable[[Any], Any]) -> None:
+    """However the voxels are stored, the patient's axes make the same vein."""
+    image = vein_stack()
+    plain, found = LabelMap.of_image(image).vein(), LabelMap.of_image(stored(image)).vein()
+    assert found.heights == pytest.approx(plain.heights, abs=1e-9)
+    for one, other in zip(found.outlines, plain.outlines, strict=True):
+        assert one.area == pytest.approx(other.area, rel=1e-5)
+        assert one.centroid == pytest.approx(other.centroid, abs=1e-7)
+
+
+def write_series(folder: Path, image: Any, numbers: list[int]) -> None:
+    """Write slices of an image as a DICOM series."""
+    writer = sitk.ImageFileWriter()
+    writer.KeepOriginalImageUIDOn()
+    for k in numbers:
+        layer = sitk.Cast(image[:, :, k], sitk.sitkUInt16)
+        direction = np.reshape(image.GetDirection(), (3, 3))
+        place = image.TransformIndexToPhysicalPoint((0, 0, k))
+        for tag, value in {
+            "0020|000e": "1.2.826.0.1.3680043.2.1125.1",
+            "0020|000d": "1.2.826.0.1.3680043.2.1125.2",
+            "0008|0018": f"1.2.826.0.1.3680043.2.1125.3.{k + 1}",
+            "0008|0060": "MR",
+            "0020|0013": str(k + 1),
+            "0020|0032": "\\".join(f"{c:.6f}" for c in place),
+            "0020|0037": "\\".join(f"{c:.6f}" for c in direction[:, :2].T.ravel()),
+        }.items():
+            layer.SetMetaData(tag, value)
+        writer.SetFileName(str(folder / f"{k:03d}.dcm"))
+        writer.Execute(layer)
+
+
+def test_dicom_series(tmp_path: Path) -> None:
+    image = vein_stack()
+    whole, gap = tmp_path / "whole", tmp_path / "gap"
+    whole.mkdir()
+    gap.mkdir()
+    write_series(whole, image, list(range(SLICES)))
+    found, plain = LabelMap.read(whole).vein(), LabelMap.of_image(image).vein()
+    assert found.heights == pytest.approx(plain.heights, abs=1e-9)
+    assert found.outlines[3].centroid == pytest.approx(plain.outlines[3].centroid, abs=1e-7)
+    write_series(gap, image, [0, 1, 2, 3, 5, 6, 7])
+    with pytest.raises(GeometryError, match=r"slices 3 and 4 are 4 mm apart, the others 2 mm: add the missing slices"):
+        LabelMap.read(gap)
+    with pytest.raises(GeometryError, match="holds 0 DICOM series"):
+        LabelMap.read(tmp_path)
+
+
+def changed(change: Callable[[Any], None]) -> LabelMap:
+    """Return the label map of the bent vein with some voxels changed."""
+    image = LabelMap.of_image(vein_stack())
+    numbers = image.numbers.copy()
+    change(numbers)
+    return LabelMap(numbers, image.origin, image.spacing, image.labels)
+
+
+def test_refused_label_maps(tmp_path: Path) -> None:
+    lumen = LABELS["lumen"]
+
+    def emptied(numbers: Any) -> None:
+        numbers[3][numbers[3] == lumen] = 1
+
+    def speckled(numbers: Any) -> None:
+        numbers[2, 8:10, 40] = lumen
+
+    def cut(numbers: Any) -> None:
+        numbers[5, :, -1] = 1
+
+    def cornered(numbers: Any) -> None:
+        numbers[6][numbers[6] == lumen] = 1
+        numbers[6, 20:24, 20:24] = numbers[6, 32:36, 32:36] = lumen
+        numbers[6, range(24, 32), range(24, 32)] = lumen
+
+    with pytest.raises(GeometryError, match="slice 3 is empty of 'lumen', which lies in slices 0 to 7: label it"):
+        changed(emptied).vein()
+    with pytest.raises(GeometryError, match=r"slice 2: 'lumen' is in 2 pieces, the largest of .* and 0.8 mm2: remove"):
+        changed(speckled).vein()
+    with pytest.raises(GeometryError, match="slice 6: 'lumen' hangs together by corners of pixels"):
+        changed(cornered).outline("lumen", 6)
+    with pytest.raises(GeometryError, match="slice 5: 'skin' is cut off by the border of the image, its outline open"):
+        changed(cut).outline("skin", 5)
+    image = LabelMap.of_image(vein_stack())
+    with pytest.raises(GeometryError, match="slice 4: 'tibia' is not there: label it in this slice"):
+        image.section(4)
+    with pytest.raises(GeometryError, match="no voxel has the label 6 of 'lumen_2', there are 0, 1, 5: label it"):
+        image.vein("lumen_2")
+    with pytest.raises(GeometryError, match="there is no slice 8: the image has 0 to 7"):
+        image.section(8)
+    with pytest.raises(GeometryError, match="'femur' is not a known name of a label"):
+        LabelMap.of_image(vein_stack(), {"femur": 1})
+    grey = phantom_stack([{"skin": FRAME}], FRAME)[1]
+    with pytest.raises(GeometryError, match="hold fractions, so it is no label map"):
+        LabelMap.of_image(grey)
+    (tmp_path / "text.nii").write_text("no image")
+    with pytest.raises(GeometryError, match=r"text.nii' cannot be read as NIfTI, NRRD or another image"):
+        LabelMap.read(tmp_path / "text.nii")
+
+
+def test_refused_neighbours() -> None:
+    near = Outline.circle(21.3e-3, -15e-3, 4e-3)
+    parts = {"skin": ONE.skin, "tibia": ONE.tibia, "fibula": ONE.fibula, "lumen": ONE.veins[0].lumen, "lumen_2": near}
+    image = LabelMap.of_image(phantom_stack([parts], ONE.skin)[0])
+    sentence = r"slice 0: 'lumen' and 'lumen_2' are .* mm apart, two walls of 0.8 mm need 2.1 mm: choose a smaller"
+    with pytest.raises(GeometryError, match=sentence):
+        image.section(0)
+    assert len(image.section(0, wall_thickness=0.1e-3).veins) == 2
