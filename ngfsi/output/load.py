@@ -26,12 +26,10 @@ class Surroundings:
 
     Attributes:
         angle: rad from x, of the reference shape, -pi to pi.
-        height: position along the vein in the reference shape, m.
         pressure: hydrostatic, -tr(sigma)/3, compression positive, Pa.
     """
 
     angle: Array
-    height: Array
     pressure: Array
 
     @classmethod
@@ -52,18 +50,12 @@ class Surroundings:
         there = np.abs(np.hypot(x, y) / radius - 1) < NEAR_WALL
         return cls(
             np.arctan2(y, x)[there],
-            place[there, 2],
             np.asarray(part.point_data[PRESSURE], dtype=float)[there],
         )
 
     def by_angle(self) -> tuple[Array, Array]:
         """Return the middles of even sectors (rad) and the mean pressure (Pa) in each, NaN where no node is."""
         return _means(self.angle, self.pressure, np.linspace(-np.pi, np.pi, ANGLES + 1))
-
-    def by_station(self, stations: int) -> tuple[Array, Array]:
-        """Return the middles of even parts of the length (m) and the mean pressure (Pa) in each."""
-        edges = np.linspace(self.height.min(), self.height.max(), stations + 1)
-        return _means(self.height, self.pressure, edges)
 
 
 def transmission(series: Columns) -> Array:
