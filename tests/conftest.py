@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 
-# before NGSolve is loaded: runs are the same to the last bit with one thread alone, which the processes that tests start
-# inherit
+# before NGSolve is loaded: runs are the same to the last bit with one thread alone. Processes that tests start inherit it
 os.environ.update(dict.fromkeys(("NGS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
-import pytest  # noqa: E402
+import pytest
 
-from ngfsi.curves import PressureConstant, PressureRamp  # noqa: E402
-from tests.runs import Run, computed  # noqa: E402
-from tests.vein import BONED, case_of  # noqa: E402
+from ngfsi.curves import PressureConstant, PressureRamp
+from tests.runs import Run, computed
+from tests.vein import BONED, case_of
 
 SQUEEZED = case_of(
     BONED,
