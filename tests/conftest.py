@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-# before NGSolve is loaded: runs are the same to the last bit with one thread alone. Processes that tests start inherit it
+# before NGSolve is loaded: with one thread alone runs are the same to the last bit; child processes inherit it
 os.environ.update(dict.fromkeys(("NGS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import pytest
