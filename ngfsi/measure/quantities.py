@@ -57,40 +57,15 @@ def _inflow(probe: Probe) -> float:
     return -probe.integral("flux inlet")
 
 
-def _station(index: int) -> Quantity:
-    return Quantity(
-        f"area_z{index:02d}",
-        "m2",
-        f"lumen area at station {index} of 0 (inlet) to {STATIONS - 1} (outlet)",
-        lambda probe: float(probe.sections.areas[index]),
-    )
+def _along(name: str, unit: str, description: str, values: Callable[[Probe], NDArray[np.float64]]) -> list[Quantity]:
+    """Return a quantity at each station along the vein; `{}` in the description is its number."""
 
+    def at(index: int) -> Quantity:
+        return Quantity(
+            f"{name}_z{index:02d}", unit, description.format(index), lambda probe: float(values(probe)[index])
+        )
 
-def _shear(index: int) -> Quantity:
-    return Quantity(
-        f"wss_z{index:02d}",
-        "Pa",
-        f"wall shear stress, mean around station {index}",
-        lambda probe: float(probe.sections.shears[index]),
-    )
-
-
-def _blood(index: int) -> Quantity:
-    return Quantity(
-        f"p_blood_z{index:02d}",
-        "Pa",
-        f"pressure of the blood on the axis at station {index}",
-        lambda probe: float(probe.load.blood[index]),
-    )
-
-
-def _transmural(index: int) -> Quantity:
-    return Quantity(
-        f"p_transmural_z{index:02d}",
-        "Pa",
-        f"pressure of the blood less that of the tissue on the wall (normal traction), at station {index}",
-        lambda probe: float(probe.load.blood[index] - probe.load.tissue[index]),
-    )
+    return [at(index) for index in range(STATIONS)]
 
 
 def _jacobian(region: str) -> Quantity:
@@ -112,14 +87,24 @@ QUANTITIES: tuple[Quantity, ...] = (
         "volume of the lumen over the length of the segment",
         lambda p: p.integral("lumen volume") / p.vein.length,
     ),
-    *(_station(index) for index in range(STATIONS)),
+    *_along(
+        "area",
+        "m2",
+        f"lumen area at station {{}} of 0 (inlet) to {STATIONS - 1} (outlet)",
+        lambda p: p.sections.areas,
+    ),
     Quantity("sawss", "Pa", "wall shear stress, mean over the deformed wall", lambda p: p.shear.mean),
     Quantity("wss_min", "Pa", "smallest wall shear stress", lambda p: p.shear.smallest),
     Quantity("wss_max", "Pa", "largest wall shear stress", lambda p: p.shear.largest),
     Quantity("wss_low_area", "1", "share of the wall's area with low wall shear stress", lambda p: p.shear.low),
-    *(_shear(index) for index in range(STATIONS)),
-    *(_blood(index) for index in range(STATIONS)),
-    *(_transmural(index) for index in range(STATIONS)),
+    *_along("wss", "Pa", "wall shear stress, mean around station {}", lambda p: p.sections.shears),
+    *_along("p_blood", "Pa", "pressure of the blood on the axis at station {}", lambda p: p.load.blood),
+    *_along(
+        "p_transmural",
+        "Pa",
+        "pressure of the blood less that of the tissue on the wall (normal traction), at station {}",
+        lambda p: p.load.blood - p.load.tissue,
+    ),
     Quantity(
         "sawss_consistent",
         "Pa",

@@ -5,15 +5,13 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
 from ngfsi.curves import FlowConstant
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.wall import Wall
 from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import steady_flow
 from ngfsi.verify import Benchmark, Reference, Setting, Values
-from studies.verification.tube import BLOOD, relative_error, system
+from studies.verification.tube import BLOOD, relative_error, round_tube, system
 
 RADIUS, LENGTH, FLOW = 5.55e-3, 20e-3, 2.913e-6
 DROP = 8 * BLOOD.viscosity * FLOW * LENGTH / (np.pi * RADIUS**4)
@@ -25,21 +23,7 @@ SOLID = CompressibleNeoHookean(young=30e3, poisson=0.3, density=1060.0)
 
 def compute(setting: Setting) -> Values:
     """Return errors of velocity, pressure drop and wall shear."""
-    n = round(1 / setting["h"])
-    geometry = TubeSegment(
-        length=LENGTH,
-        lumen_diameter=2 * RADIUS,
-        wall_thickness=3e-3,
-        outer_radius=14e-3,
-        mesh=MeshSettings(
-            element=setting["element"],
-            axial_layers=2 * n,
-            far_size=20e-3,
-            vein_size=2 * np.pi * RADIUS / (8 * n),
-            lumen_radii=tuple(i / (2 * n) for i in range(2 * n - 1, 0, -1)),
-            curving_order=setting["order"],
-        ),
-    )
+    geometry = round_tube(RADIUS, LENGTH, setting["element"], setting["h"], setting["order"])
     flow = {
         "loads.inlet_flow": FlowConstant(value=FLOW),
         "conditions.ends": "clamped",

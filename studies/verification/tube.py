@@ -33,12 +33,27 @@ class ClampedTube(TubeSegment):
         return ("skin",)
 
 
+def round_tube(radius: float, length: float, element: Any, h: float, order: int) -> TubeSegment:
+    """Return a round lumen (m) in a wall and tissue that do not matter, with h times the sizes of a coarse mesh."""
+    n = round(1 / h)
+    mesh = MeshSettings(
+        element=element, axial_layers=2 * n, far_size=20e-3, vein_size=2 * np.pi * radius / (8 * n),
+        lumen_radii=_rings(n), curving_order=order,
+    )  # fmt: skip
+    return TubeSegment(length=length, lumen_diameter=2 * radius, wall_thickness=3e-3, outer_radius=14e-3, mesh=mesh)
+
+
+def _rings(n: int) -> tuple[float, ...]:
+    """Return 2 n - 1 even rings of elements in the lumen, shares of its radius."""
+    return tuple(i / (2 * n) for i in range(2 * n - 1, 0, -1))
+
+
 def sheath(inner: float, thickness: float, length: float, h: float, order: int) -> ClampedTube:
     """Return a lumen in an elastic sheath (m), of two layers of elements, and h times the sizes of a coarse mesh."""
     n = round(1 / h)
     mesh = MeshSettings(
         element="mixed", axial_layers=1, far_size=thickness / 2, vein_size=2 * np.pi * inner / (8 * n),
-        lumen_radii=tuple(i / (2 * n) for i in range(2 * n - 1, 0, -1)), wall_layers=1, curving_order=order,
+        lumen_radii=_rings(n), wall_layers=1, curving_order=order,
     )  # fmt: skip
     return ClampedTube(
         length=length, lumen_diameter=2 * inner, wall_thickness=thickness / 2, outer_radius=inner + thickness, mesh=mesh

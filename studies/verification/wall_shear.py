@@ -9,8 +9,6 @@ from typing import Any, get_args
 import ngsolve as ng
 import numpy as np
 
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
 from ngfsi.curves import FlowConstant
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.wall import Method, Wall
@@ -19,7 +17,7 @@ from ngfsi.solve.initial import NEWTON_STEPS
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Values
-from studies.verification.tube import BLOOD, system
+from studies.verification.tube import BLOOD, round_tube, system
 
 RADIUS, LENGTH, FLOW = 5.55e-3, 20e-3, 2.913e-6
 OUTLET_PRESSURE, GRADIENT = 1333.22, 30.0
@@ -150,21 +148,8 @@ class Driven(System):
 
 def solved(setting: Setting) -> tuple[Driven, Tube]:
     """Return the system with the computed flow, and the exact one."""
-    n, order = round(1 / setting["h"]), setting["order"]
-    geometry = TubeSegment(
-        length=LENGTH,
-        lumen_diameter=2 * RADIUS,
-        wall_thickness=3e-3,
-        outer_radius=14e-3,
-        mesh=MeshSettings(
-            element=setting["element"],
-            axial_layers=2 * n,
-            far_size=20e-3,
-            vein_size=2 * np.pi * RADIUS / (8 * n),
-            lumen_radii=tuple(i / (2 * n) for i in range(2 * n - 1, 0, -1)),
-            curving_order=order,
-        ),
-    )
+    order = setting["order"]
+    geometry = round_tube(RADIUS, LENGTH, setting["element"], setting["h"], order)
     flow = {"loads.inlet_flow": FlowConstant(value=FLOW), "conditions.ends": "clamped", "solver.tolerance": 1e-6}
     plain, exact = system(geometry, SOLID, SOLID, OUTLET_PRESSURE, 0.0, **flow), TUBES[setting["tube"]]()
     found = Driven(plain.case, plain.domain)
