@@ -20,15 +20,24 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
+import ngsolve as ng
 from rich.table import Table
 
 from ngfsi.case import Case
 from ngfsi.domain import Domain
-from ngfsi.errors import OutputError, SolverError, needs_clone, unknown
+from ngfsi.errors import NgfsiError, OutputError, SolverError, needs_clone, unknown
+from ngfsi.measure.deformation import Deformation
 from ngfsi.output.disk import explained
+from ngfsi.output.folder import RunFolder
 from ngfsi.output.provenance import commit, machine, versions
 from ngfsi.output.stored import open_run
-from ngfsi.solve.initial import Say, silent
+from ngfsi.run import is_measurable
+from ngfsi.solve.backends import choose_backend
+from ngfsi.solve.initial import Say, initial_state, silent
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.system import System
+from ngfsi.solve.timeloop import TimeLoop
+from ngfsi.stopwatch import Stopwatch
 
 PLAIN = "as it is"
 OUTSIDE = "start of Python, and what no phase knows"
@@ -76,7 +85,8 @@ def take(case: Case, steps: int | None = None) -> Sample:
         file, results = Path(folder) / "case.toml", Path(folder) / "run"
         shorter = case.replace(**{"time.end": count * case.time.step, "output.fields_every": 0})
         file.write_text(shorter.to_toml(), encoding="utf-8")
-        command = [sys.executable, "-m", "ngfsi.cli", "run", str(file), "--output", str(results), "--quiet"]
+        whole = [sys.executable, "-m", "ngfsi.cli", "run", str(file), "--output", str(results), "--quiet"]
+        command = whole if is_measurable(shorter) else [sys.executable, "-m", "ngfsi.bench", str(file), str(results)]
         started = perf_counter()
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         assert process.stderr is not None
@@ -206,6 +216,41 @@ def _comparison(
     return Comparison(name, min(steps or planned, planned), planned, samples)
 
 
+def march(case: Case, folder: Path) -> None:
+    """Compute a case of which nothing is measured, as of the benchmarks in the plane, and store what it took.
+
+    Raises:
+        SolverError: no solution.
+    """
+    watch, results = Stopwatch(), RunFolder.create(folder, case)
+    with ng.TaskManager():
+        with watch("mesh"):
+            domain = Domain.build(case.geometry)
+        with watch("set-up"):
+            system = System(case, domain, watch)
+            newton = Newton(system, choose_backend(case.solver.linear))
+        with watch("initial state"):
+            initial_state(system, newton)
+        with watch("steps"):
+            for step in TimeLoop(case, system, newton, Deformation(system).inversion).run():
+                results.record_cost(step.cost())
+    results.update_manifest(
+        unknowns=system.unknowns.size, factorisations=newton.factorisation.count,
+        seconds={**watch.seconds, "measures": 0.0},
+    )  # fmt: skip
+    results.finish("completed")
+
+
+def main(case_file: Path, folder: Path) -> int:
+    """Child process: compute a case of which nothing is measured."""
+    try:
+        march(Case.from_toml(case_file), folder)
+    except NgfsiError as error:
+        print(f"ngfsi: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
 def named(kind: str, names: Sequence[str]) -> dict[str, Any]:
     """Return the named entries of CASES or VARIANTS of `studies.speed`; without names the SHORT cases, no variants.
 
@@ -220,3 +265,7 @@ def named(kind: str, names: Sequence[str]) -> dict[str, Any]:
         if name not in known:
             raise OutputError(unknown("case" if kind == "CASES" else "variant", name, known))
     return {name: known[name] for name in names or (speed.SHORT if kind == "CASES" else ())}
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2])))

@@ -126,11 +126,15 @@ def _finished(computation: Computation, quiet: bool, max_wall: float | None) -> 
     return open_run(target.path)
 
 
+def is_measurable(case: Case) -> bool:
+    """Return whether a case has the vein that a run measures."""
+    return {"tissue", "wall"} <= set(case.geometry.solids) and hasattr(case.geometry, "vein_centre")
+
+
 def _refuse_what_cannot_be_measured(case: Case) -> None:
-    geometry = case.geometry
-    if not {"tissue", "wall"} <= set(geometry.solids) or not hasattr(geometry, "vein_centre"):
+    if not is_measurable(case):
         raise CaseError(
-            f"a {type(geometry).__name__} can be solved by the benchmarks only: a run measures a vein with the regions "
+            f"a {type(case.geometry).__name__} can be solved by the benchmarks only: a run measures a vein with the regions "
             "tissue, wall and fluid, as of geometry.calf:CalfSegment or geometry.tube:TubeSegment"
         )
 
@@ -178,9 +182,11 @@ class Computation:
             with ng.TaskManager():
                 self._solve(domain, stops, quiet=quiet)
         finally:
+            used = resource.getrusage(resource.RUSAGE_SELF)
             self.folder.update_manifest(
                 seconds=dict(self.watch.seconds),
-                peak_memory_MB=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+                cpu_s=used.ru_utime + used.ru_stime,
+                peak_memory_MB=used.ru_maxrss / 1024,
                 factorisations=self._factorisations,
             )
 
@@ -286,17 +292,8 @@ class Computation:
             self.folder.record({"time_s": time, "step_s": size, **row(probe)})
 
     def _note_cost(self, step: Step) -> None:
-        taken = step.solution
-        self._factorisations += taken.factorisations
-        self.folder.record_cost(
-            {
-                "step": step.index,
-                "time_s": step.time,
-                "wall_s": step.seconds,
-                "iterations": taken.iterations,
-                "factorisations": taken.factorisations,
-            }
-        )
+        self._factorisations += step.solution.factorisations
+        self.folder.record_cost(step.cost())
 
     def _write(self, time: float, probe: Probe, writer: FieldWriter) -> None:
         with self.watch("output"):

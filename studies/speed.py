@@ -10,6 +10,8 @@ from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Outpu
 from ngfsi.curves import PressureRamp
 from ngfsi.units import MMHG
 from studies.compare_tissues import LEVELS, MAIN, case
+from studies.verification.plane import refined
+from studies.verification.turek_hron import BEAM_IN_CHANNEL, rising_case
 
 
 def _vein(mesh: MeshSettings, end: float = 0.2) -> Case:
@@ -28,6 +30,11 @@ def _vein(mesh: MeshSettings, end: float = 0.2) -> Case:
     )
 
 
+def _straight_tetrahedra(far: float, near: float, layers: int, radii: tuple[float, ...]) -> MeshSettings:
+    return MeshSettings(element="tetrahedron", far_size=far, vein_size=near, axial_layers=layers, lumen_radii=radii,
+                        curving_order=1)  # fmt: skip
+
+
 def _mixed(far: float, near: float, layers: int, radii: tuple[float, ...]) -> MeshSettings:
     return MeshSettings(element="mixed", far_size=far, vein_size=near, axial_layers=layers, lumen_radii=radii,
                         curving_order=2)  # fmt: skip
@@ -36,17 +43,27 @@ def _mixed(far: float, near: float, layers: int, radii: tuple[float, ...]) -> Me
 CASES: dict[str, Case] = {
     "tiny": _vein(_mixed(25e-3, 6e-3, 2, (0.6,)), end=0.05),
     "vein": _vein(_mixed(14e-3, 3.2e-3, 6, (0.85, 0.55))),
+    "vein-tetrahedra": _vein(_straight_tetrahedra(13e-3, 4.4e-3, 10, (0.6,))),
+    "turek-hron-fsi2": rising_case("FSI2", refined(BEAM_IN_CHANNEL, order=3, h=1.0), step=0.01, end=4.0),
     **{f"calf-{level}": case(MAIN[0], LEVELS[level]) for level in LEVELS},
 }
-"""tiny: for the guard of counts; vein: 20 steps of backward Euler; calf: the main study's, Mooney-Rivlin tissue."""
+"""tiny: for the guard of counts; vein: 20 steps of backward Euler, vein-tetrahedra the same on 3,700 straight
+tetrahedra, as other codes have solved it; turek-hron-fsi2: a beam in the plane, its first seconds; calf: the main
+study's, Mooney-Rivlin tissue."""
 
 SHORT = ("vein", "calf-demo")
 """Cases of seconds or a minute, which are run unless others are named."""
 
 
 def _textbook(plain: Case) -> Case:
-    return plain.replace(**{"solver.linearise": "always", "solver.linear": "umfpack",
-                            "geometry.mesh.element": "tetrahedron"})  # fmt: skip
+    newton = plain.replace(**{"solver.linearise": "always", "solver.linear": "umfpack"})
+    return _on_tetrahedra(newton)
+
+
+def _on_tetrahedra(plain: Case) -> Case:
+    """Return a case on tetrahedra, unless it is one of the plane."""
+    has_kinds = hasattr(plain.geometry.mesh, "element")
+    return plain.replace(**{"geometry.mesh.element": "tetrahedron"}) if has_kinds else plain
 
 
 VARIANTS: dict[str, Callable[[Case], Case]] = {
@@ -54,7 +71,7 @@ VARIANTS: dict[str, Callable[[Case], Case]] = {
     "newton": lambda plain: plain.replace(**{"solver.linearise": "always"}),
     "single": lambda plain: plain.replace(**{"solver.linear": "pardiso_single"}),
     "umfpack": lambda plain: plain.replace(**{"solver.linear": "umfpack"}),
-    "tetrahedra": lambda plain: plain.replace(**{"geometry.mesh.element": "tetrahedron"}),
+    "tetrahedra": _on_tetrahedra,
 }
 """textbook: Newton's method with a fresh factorisation by UMFPACK in every iteration, on tetrahedra; newton: that with
 the linear solver and the mesh as they are; single: factors of single precision."""

@@ -27,7 +27,7 @@ class Deformation:
     def __init__(self, system: System) -> None:
         domain, motion = system.domain, system.state.components[0]
         self._solids = domain.geometry.solids
-        self._size, self._J = ng.Norm(motion), Kinematics(ng.Grad(motion)).J
+        self._size, self._J = ng.Norm(motion).Compile(), Kinematics(ng.Grad(motion)).J.Compile()
         points = rules(2 * system.unknowns.order)
         self._place = ng.CF((ng.x, ng.y, ng.z)[: domain.mesh.dim]) + motion
         self._fluid = domain.geometry.fluid
@@ -45,16 +45,16 @@ class Deformation:
     def inversion(self) -> str:
         """Say in which region and where an element is turned inside out, or nothing."""
         for region in self._points:
-            smallest, place = self.worst(region)
-            if not smallest > 0:
+            if not self.smallest_jacobian(region) > 0:
+                smallest, place = self.worst(region)
                 what = "the mesh of the blood is folded" if region == self._fluid else f"elements of '{region}' invert"
                 return f"{what} near {place} (det F {smallest:.3g})"
         return ""
 
     def approaching(self) -> list[str]:
         """Return a warning for each region that has come close to inversion since the last call."""
-        found = {region: self.worst(region) for region in self._points if region not in self._warned}
-        close = {region: worst for region, worst in found.items() if worst[0] < CLOSE}
+        unknown = [region for region in self._points if region not in self._warned]
+        close = {region: self.worst(region) for region in unknown if self.smallest_jacobian(region) < CLOSE}
         self._warned |= set(close)
         return [
             f"elements of '{name}' near {place} are close to inversion, det F {J:.3g}"

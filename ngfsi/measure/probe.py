@@ -11,7 +11,8 @@ from ngsolve import Id, InnerProduct
 from ngfsi.domain import Vein
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.sections import Sections
-from ngfsi.measure.transmural import WallLoad, elements_at
+from ngfsi.measure.side import Side
+from ngfsi.measure.transmural import WallLoad
 from ngfsi.measure.wall import ShearStatistics, Wall
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
@@ -33,7 +34,8 @@ class Probe:
         self.sections = Sections(system)
         self.outlines = Sections(system, np.linspace(0.0, self.vein.length, system.case.output.stations))
         self.deformation = Deformation(system)
-        self.load = WallLoad(system, self.sections.heights)
+        self._sides = {name: Side(system, name) for name in system.solids}
+        self.load = WallLoad(system, self.sections.heights, self._sides["tissue"])
         self.shear = self.consistent_shear = ShearStatistics(0.0, 0.0, 0.0, 0.0)
         self._fields = system.fields(system.state.components)
         self._motion = Kinematics(self._fields.grad_motion)
@@ -42,6 +44,8 @@ class Probe:
 
     def refresh(self) -> None:
         """Take the system's present state."""
+        for side in self._sides.values():
+            side.refresh()
         self.wall.refresh()
         self.sections.refresh(self.wall.field)
         self.load.refresh()
@@ -86,18 +90,13 @@ class Probe:
         k, normal = Kinematics(grad_d), ng.specialcf.normal(3)
         relaxation = self.system.stress_free_gradient()
         strain = Id(3) + grad_d if relaxation is None else (Id(3) + grad_d) * relaxation
-        face = ng.GridFunction(ng.FacetFESpace(self.domain.mesh, order=0))
-        face.Set(1, definedon=self.domain.boundaries("wall_outer"))
-        # only elements at the face have an integral there
-        area = face * ng.Norm(k.cof * normal)
         integrals: dict[str, Any] = {}
-        for name, law in self.system.solids.items():
-            p = terms.hydrostatic_pressure(law, strain).Compile()
-            near = elements_at(self.domain, name, "wall_outer")
-            side = self.domain.dx(name, element_boundary=True, definedonelements=near)
-            integrals[f"p*size {name}@wall_outer"] = (p * area).Compile() * side
-        surface = Kinematics(grad_d.Trace())
-        integrals["size wall_outer"] = ng.Norm(surface.cof * normal) * self.domain.ds("wall_outer")
+        outer = self.domain.ds("wall_outer")
+        for name, side in self._sides.items():
+            p = terms.hydrostatic_pressure(self.system.solids[name], side.strain)
+            area = ng.Norm(side.motion.cof * normal)
+            integrals[f"p*size {name}@wall_outer"] = (p * area).Compile() * outer
+        integrals["size wall_outer"] = area.Compile() * outer
         p_wall = terms.hydrostatic_pressure(self.system.solids["wall"], strain).Compile()
         integrals["p*size wall"] = (p_wall * k.J).Compile() * self.domain.dx("wall")
         integrals["size wall"] = k.J * self.domain.dx("wall")

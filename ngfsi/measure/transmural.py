@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import Id, InnerProduct
+from ngsolve import InnerProduct
 from numpy.typing import NDArray
 
-from ngfsi.domain import Domain, Vein
+from ngfsi.domain import Vein
+from ngfsi.measure.side import Side
 from ngfsi.physics import terms
-from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.system import System
 
 Array = NDArray[np.float64]
@@ -27,11 +27,12 @@ class WallLoad:
             around the vein, Pa: of the tissue's stress, which equals the wall's across the face.
     """
 
-    def __init__(self, system: System, heights: Array) -> None:
+    def __init__(self, system: System, heights: Array, tissue: Side) -> None:
         """Prepare.
 
         Args:
             heights: (stations,) m
+            tissue: the tissue's side of the wall's outer face, which is to be refreshed before.
         """
         vein: Vein = system.case.geometry
         self._system, self._heights = system, heights
@@ -39,20 +40,15 @@ class WallLoad:
         self.blood, self.tissue = np.zeros((2, len(heights)))
         mesh = system.domain.mesh
         space = ng.H1(mesh, order=1)  # a function of each vertex: integrals against them are local means
-        face = ng.GridFunction(ng.FacetFESpace(mesh, order=0))
-        face.Set(1, definedon=system.domain.boundaries("wall_outer"))
-        grad_d, relaxation = ng.Grad(system.state.components[0]), system.stress_free_gradient()
-        strain = Id(3) + grad_d if relaxation is None else (Id(3) + grad_d) * relaxation
-        directed = Kinematics(grad_d).cof * ng.specialcf.normal(3)
+        directed = tissue.motion.cof * ng.specialcf.normal(3)
         area = ng.Norm(directed)
-        stress = terms.cauchy_stress(system.solids["tissue"], strain)
+        stress = terms.cauchy_stress(system.solids["tissue"], tissue.strain)
         pressure = -InnerProduct(directed, stress * directed) / (area * area)
-        near = elements_at(system.domain, "tissue", "wall_outer")
-        side = system.domain.dx("tissue", element_boundary=True, definedonelements=near)
-        test = space.TestFunction()
+        ds = system.domain.ds("wall_outer")
+        test = space.TestFunction().Trace()
         self._force, self._area = ng.LinearForm(space), ng.LinearForm(space)
-        self._force += (face * area * pressure).Compile() * test * side
-        self._area += (face * area).Compile() * test * side
+        self._force += (area * pressure).Compile() * test * ds
+        self._area += area.Compile() * test * ds
         places = np.array([vertex.point[2] for vertex in mesh.vertices])
         on_face = sorted(
             {v.nr for element in system.domain.boundaries("wall_outer").Elements() for v in element.vertices}
@@ -70,15 +66,3 @@ class WallLoad:
             form.Assemble()
             sums.append(np.bincount(self._level, form.vec.FV().NumPy()[self._vertices]))
         self.tissue = np.interp(self._heights, self._levels, sums[0] / sums[1])
-
-
-def elements_at(domain: Domain, region: str, boundary: str) -> ng.BitArray:
-    """Return the elements of a region that touch a boundary."""
-    mesh = domain.mesh
-    touching = {v.nr for element in domain.boundaries(boundary).Elements() for v in element.vertices}
-    chosen = ng.BitArray(mesh.ne)
-    chosen[:] = False
-    for element in domain.materials(region).Elements():
-        if any(v.nr in touching for v in element.vertices):
-            chosen[element.nr] = True
-    return chosen

@@ -81,8 +81,8 @@ class Wall:
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
         self._motion, self._velocity = ng.GridFunction(space), ng.GridFunction(space)
         motion, velocity = system.unknowns.space.components[:2]
-        self._in_motion = same_functions(domain, space, motion)
-        self._in_velocity = same_functions(domain, space, velocity)
+        self._in_motion = same_functions(domain, space, motion, fluid)
+        self._in_velocity = same_functions(domain, space, velocity, fluid)
         self._region = domain.boundaries("interface")
         k = Kinematics(ng.BoundaryFromVolumeCF(ng.Grad(self._motion)))
         stress = terms.viscous_stress(system.blood, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity)))
@@ -98,6 +98,7 @@ class Wall:
             "consistent": (-terms.tangential(self._traction.field, normal)).Compile(),
         }
         self.shear = self.shears[METHOD]
+        self._shear = self._projection.work_of(self.shear)
         self.field = ng.GridFunction(self._projection.space)
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
         self._along = (k.F * ng.CF((0, 0, 1))).Compile()
@@ -116,7 +117,8 @@ class Wall:
         velocity[flowing] += w[self._in_velocity[flowing]]
         self._projection.refresh()
         self._traction.refresh()
-        self._projection.of(self.shear, self.field)
+        self._shear.Assemble()
+        self._projection.solve(self._shear.vec.FV().NumPy(), self.field)
 
     def statistics(self, threshold: float = 0.0, method: Method = METHOD) -> ShearStatistics:
         """Return mean and extremes of the wall shear stress's magnitude, and the share of the area below `threshold`
@@ -201,12 +203,11 @@ class Projection:
         self._mass.Assemble()
         self._inverse = self._mass.mat.Inverse(self._there, inverse="sparsecholesky")
 
-    def of(self, field: Any, result: Any) -> None:
-        """Write the projection of a vector field on the interface to `result`."""
+    def work_of(self, field: Any) -> ng.LinearForm:
+        """Return the work of a vector field on the interface, to be assembled and solved for its projection."""
         form = ng.LinearForm(self.space)
         form += (self._stretch * (field * self.space.TestFunction().Trace())).Compile() * self._ds
-        form.Assemble()
-        self.solve(form.vec.FV().NumPy(), result)
+        return form
 
     def solve(self, work: Array, result: Any) -> None:
         """Write the field that does the work (N/m, one value per function) on each function of the space."""
@@ -231,7 +232,7 @@ class Traction:
 
     def __init__(self, system: System, k: Kinematics, stress: Any, projection: Projection) -> None:
         self._system, self._projection = system, projection
-        self._form = system.fluid_form()
+        self._form = system.fluid_form(at="interface")
         self._state, self._residual = system.state.vec.CreateVector(), system.state.vec.CreateVector()
         self.field = ng.GridFunction(projection.space)
         self._base, self._one = ng.Parameter(0.0), ng.GridFunction(system.unknowns.space)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -132,22 +133,33 @@ class Convergence:
     slope: float | None = None
 
 
-def convergence(panels: Mapping[str, Sequence[Convergence]], path: Path) -> None:
-    """Draw errors over sizes, a panel per title, with the expected slope dashed through the finest error."""
+def convergence(
+    panels: Mapping[str, Sequence[Convergence]], path: Path, labels: tuple[str, str] = ("size h", "error"),
+    levels: Mapping[str, float] | None = None,
+) -> None:  # fmt: skip
+    """Draw errors over sizes, a panel per title, with the expected slope dashed through the finest error.
+
+    Args:
+        labels: of the axes.
+        levels: by title an error to be reached, drawn as a dotted line.
+    """
     figure, spaces, _ = _panels(len(panels), 3, (4.2, 3.6), (0.0, 0.0))
     for panel, (title, lines) in zip(spaces, panels.items(), strict=False):
-        for colour, line in zip(COLOURS, lines, strict=False):
-            panel.loglog(line.sizes, line.errors, "o-", color=colour, markersize=4, label=line.label)
+        for (marker, colour), line in zip(product("os^", COLOURS), lines, strict=False):
+            panel.loglog(line.sizes, line.errors, f"{marker}-", color=colour, markersize=4, label=line.label)
             if line.slope is not None:
                 expected = line.errors[-1] * (np.array(line.sizes) / line.sizes[-1]) ** line.slope
                 panel.loglog(line.sizes, expected, "--", color=colour, linewidth=1, label=f"slope {line.slope:g}")
         sizes = sorted({size for line in lines for size in line.sizes})
-        panel.set_xticks(sizes, [f"{size:.3g}" for size in sizes])
-        panel.set_xticks([], minor=True)
+        if len(sizes) < 8:
+            panel.set_xticks(sizes, [f"{size:.3g}" for size in sizes])
+            panel.set_xticks([], minor=True)
+        if levels:
+            panel.axhline(levels[title], color=QUIET, linestyle=":", linewidth=1)
         panel.set_title(title, fontsize=10)
-        panel.set_xlabel("size h")
-        panel.legend(fontsize=8, frameon=False)
-    spaces[0].set_ylabel("error")
+        panel.set_xlabel(labels[0])
+        panel.legend(fontsize=8 if len(lines) < 6 else 6, frameon=False)
+    spaces[0].set_ylabel(labels[1])
     figure.savefig(path)
 
 

@@ -7,8 +7,9 @@ slow the system is linearised anew at the present state; if it stays slow that h
 Newton's method with the exact Jacobian.
 
 The rule of renewal, in one place:
-  before a step   the time scheme's weight of the new state differs from that of the factors by more than 20 %
-                  (`Newton.solve`), or the step before needed more than `SLOW` iterations;
+  before a step   the time scheme's weight of the new state in the steps to come differs from that of the factors by
+                  more than 20 % (`Newton.solve`), or the step before needed more than `SLOW` iterations; the factors
+                  are then those of the steps to come, which a single step of backward Euler before can use as well;
   within a step   `PATIENCE` iterations do not reduce the change to a third, or it grows to `GROWTH` times the first.
 With solver.linearise = "always" it happens before every update. Newton's method that makes the change grow as much has
 diverged, and the solve is given up.
@@ -137,17 +138,22 @@ class Newton:
         self._stale = bool(stale)
         self._mixing = Mixing.stored(part_of(arrays, "mixing"))
 
-    def solve(self, tolerance: float, max_iterations: int) -> Solution:
+    def solve(self, tolerance: float, max_iterations: int, ahead: float | None = None) -> Solution:
         """Solve from the present state; the solution becomes the state.
 
         Converged when the change of every block, largest over its unknowns, is below `tolerance` times its scale.
+
+        Args:
+            ahead: weight of the new state in the steps to come (1/s); None: that of this solve.
 
         Raises:
             SolverError: no convergence; names the block, and the state is left as it was.
         """
         start = self.system.values.copy()
+        if ahead is None or self._always:
+            ahead = self.system.new_weight.Get()
         try:
-            solution = self._iterate(tolerance, max_iterations)
+            solution = self._iterate(tolerance, max_iterations, ahead)
         except SolverError:
             self.system.values[:] = start
             self._factored_weight = None
@@ -155,12 +161,12 @@ class Newton:
         self._stale = solution.iterations > SLOW
         return solution
 
-    def _iterate(self, tolerance: float, max_iterations: int) -> Solution:
+    def _iterate(self, tolerance: float, max_iterations: int, ahead: float) -> Solution:
         solution = Solution()
         scales = self.system.block_scales()
         scale = self._scale_vector(scales)
-        if self._needs_renewal():
-            self._renew(solution)
+        if self._needs_renewal(ahead):
+            self._renew(solution, ahead)
         self._mixing = self._mixing.of(*self._equations())
         history: list[float] = []
         always_renew, first = self._always, 0.0
@@ -186,7 +192,7 @@ class Newton:
             always_renew = always_renew or solution.factorisations >= 2
             # the best state may be that of the factors, where renewing them would change nothing
             self.system.values[self.free] = (best + x) / 2 if self._grown(history) else x + step
-            self._renew(solution)
+            self._renew(solution, self.system.new_weight.Get())
             history = []
         raise SolverError(self._complaint(solution, scales))
 
@@ -196,20 +202,23 @@ class Newton:
         self.factorisation.solve(residual, self._update)
         return -np.asarray(self._update.FV().NumPy()[self.free])
 
-    def _needs_renewal(self) -> bool:
+    def _needs_renewal(self, weight: float) -> bool:
         if self._factored_weight is None or self._stale or self._always:
             return True
-        now, then = self.system.new_weight.Get(), self._factored_weight
-        return bool(max(now, then) > WEIGHT_DRIFT * min(now, then))
+        return max(weight, self._factored_weight) > WEIGHT_DRIFT * min(weight, self._factored_weight)
 
     def _equations(self) -> tuple[float, float]:
         """Return what the derivatives depend on beside the state: the weight of the new state, the blood's density."""
         return self.system.new_weight.Get(), self.system.blood_density.Get()
 
-    def _renew(self, solution: Solution) -> None:
+    def _renew(self, solution: Solution, weight: float) -> None:
+        """Linearise at the present state with a weight of the new state, and factorise."""
         self.system.apply_inflow()
+        present = self.system.new_weight.Get()
+        self.system.new_weight.Set(weight)
         self._factorise()
-        self._factored_weight = self.system.new_weight.Get()
+        self.system.new_weight.Set(present)
+        self._factored_weight = weight
         self._mixing = Mixing(*self._equations())
         self._stale = False
         solution.factorisations += 1

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.displacement import OutlineDisplacement
-from ngfsi.domain import Domain
+from ngfsi.domain import Domain, elements_at
 from ngfsi.materials import Newtonian
 from ngfsi.materials.small_strain import SmallStrain
 from ngfsi.physics import terms
@@ -128,9 +128,14 @@ class System:
         """G = dX/dX0 where the reference shape is prestressed: inverse of I + grad(X0 - X)."""
         return None if self.relaxation is None else Inv(Kinematics(ng.Grad(self.relaxation)).F)
 
-    def fluid_form(self) -> ng.BilinearForm:
-        """Return the residual of the fluid alone: what it lacks at a boundary is the force on that boundary."""
-        return residual_form(self.unknowns.space, self.fluid_parts())
+    def fluid_form(self, at: str | None = None) -> ng.BilinearForm:
+        """Return the residual of the fluid alone: what it lacks at a boundary is the force on that boundary.
+
+        Args:
+            at: a boundary: elements that do not touch it are left out.
+        """
+        near = None if at is None else elements_at(self.domain, self.domain.fluid, at)
+        return residual_form(self.unknowns.space, self.fluid_parts(near))
 
     def parts(self) -> list[Part]:
         """Return the integrands of the weak form."""
@@ -192,7 +197,7 @@ class System:
         ]
         return sum(parts, self.skin_pressure)
 
-    def fluid_parts(self) -> list[Part]:
+    def fluid_parts(self, elements: ng.BitArray | None = None) -> list[Part]:
         """Return the integrands of the blood and of the mesh motion."""
         trial, test = self.unknowns.space.TnT()
         blood, f = self.blood, self.fields(trial)
@@ -211,7 +216,9 @@ class System:
             stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
             inside.append(terms.elastic_extension(stiffness, k, ng.Grad(v_mesh)))
         through = (Part([self.opening(n, f, k, v)], self.domain.ds(n, skeleton=True)) for n in self.openings)
-        measure = self.domain.dx(self.domain.fluid, intrules=rules(2 * self.unknowns.order + EXTRA_ORDER))
+        measure = self.domain.dx(
+            self.domain.fluid, intrules=rules(2 * self.unknowns.order + EXTRA_ORDER), definedonelements=elements
+        )
         return [Part(inside, measure), *through]
 
     def opening(self, name: str, f: Fields, k: Kinematics, v: Any) -> Any:

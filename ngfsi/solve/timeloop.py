@@ -30,6 +30,12 @@ class Step:
     solution: Solution
     seconds: float
 
+    def cost(self) -> dict[str, float]:
+        """Return what it took, as a row of costs.csv."""
+        taken = self.solution
+        return {"step": self.index, "time_s": self.time, "wall_s": self.seconds, "iterations": taken.iterations,
+                "factorisations": taken.factorisations}  # fmt: skip
+
 
 @dataclass
 class History:
@@ -185,7 +191,8 @@ class TimeLoop:
         )
         predicted = history.extrapolated(time + size)
         system.values[:] = predicted
-        solution = self.newton.solve(case.solver.tolerance, case.solver.max_iterations)
+        ahead = weights(case.time.scheme, size, size).new
+        solution = self.newton.solve(case.solver.tolerance, case.solver.max_iterations, ahead)
         if complaint := self._inspect():
             raise SolverError(complaint)
         self._check_accuracy(size, predicted)

@@ -95,7 +95,7 @@ class Unknowns:
             inside &= ~velocity.GetDofs(domain.boundaries("interface"))
         space = ng.FESpace([motion, ng.Compress(velocity, inside), ng.Compress(pressure)])
         in_m, in_w, in_p = (np.arange(space.Range(i).start, space.Range(i).stop) for i in range(3))
-        inner = same_functions(domain, space.components[1], space.components[0])
+        inner = same_functions(domain, space.components[1], space.components[0], domain.fluid)
         if np.any(inner < 0):
             raise RuntimeError("the space of the relative velocity has functions that the mesh motion lacks")
         blocks = {"d": np.delete(in_m, inner), "w": in_w, "p": in_p, "e": in_m[inner]}
@@ -156,15 +156,15 @@ def _motion(domain: Domain, order: int, ends: Ends, moved: Sequence[str] = ()) -
     return motion, free
 
 
-def same_functions(domain: Domain, part: Any, whole: Any) -> Numbers:
-    """Return for each unknown of a space of the fluid the one of another space with the same basis function, or -1."""
+def same_functions(domain: Domain, part: Any, whole: Any, region: str) -> Numbers:
+    """Return for each unknown of a space of a region the one of another space with the same basis function, or -1."""
     same = np.full(part.ndof, -1)
-    for element in domain.materials(domain.fluid).Elements():
+    for element in domain.materials(region).Elements():
         here, there = np.array(part.GetDofNrs(element)), np.array(whole.GetDofNrs(element))
         same[here[here >= 0]] = there[here >= 0]
     found = same[same >= 0]
     if len(np.unique(found)) < len(found):
-        raise RuntimeError("the functions of two spaces of the fluid do not match")
+        raise RuntimeError(f"the functions of two spaces of '{region}' do not match")
     return same
 
 

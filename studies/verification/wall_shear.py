@@ -128,9 +128,9 @@ class Driven(System):
 
     force: Any = ZERO
 
-    def fluid_form(self) -> ng.BilinearForm:
+    def fluid_form(self, at: str | None = None) -> ng.BilinearForm:
         """Return the form of the fluid with its force."""
-        form = super().fluid_form()
+        form = super().fluid_form(at)
         self._drive(form)
         return form
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
 from ngfsi.curves import FlowConstant, PressureConstant
 from ngfsi.materials import CompressibleNeoHookean, SaintVenantKirchhoff
+from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
+from ngfsi.solve.system import System
 from tests.vein import BLOOD, TUBE, case_of, position, set_motion, steady, system_of
 
 INNER, WALL, OUTER, LENGTH = 5e-3, 1.5e-3, 12e-3, 20e-3
@@ -28,8 +31,7 @@ def test_pressure_on_the_wall_and_on_the_axis() -> None:
     }
     system = steady(case_of(tube, **{"materials.tissue": SOFT, "materials.wall": SOFT}, **loads))[0]
     heights = np.linspace(0, LENGTH, 5)
-    load = WallLoad(system, heights)
-    load.refresh()
+    load = _load(system, heights)
     drop = 8 * BLOOD.viscosity * FLOW / (np.pi * INNER**4) * (LENGTH - heights)
     assert load.blood - BLOOD_PRESSURE == pytest.approx(drop, rel=0.02, abs=0.02 * drop[0])
     # the pressures of blood and skin reach the outer face in shares that do not depend on the (single) material
@@ -46,7 +48,14 @@ def test_large_strain() -> None:
     system = system_of(case_of(TUBE, **{"materials.tissue": tissue}))
     x, y, _ = (position()[i] for i in range(3))
     set_motion(system, (stretch - 1) * ng.CF((x, y, 0)))
-    load = WallLoad(system, np.linspace(0, TUBE.length, 3))
-    load.refresh()
+    load = _load(system, np.linspace(0, TUBE.length, 3))
     factor = young / ((1 + poisson) * (1 - 2 * poisson))  # lambda + mu = factor / 2
     assert load.tissue == pytest.approx(np.full(3, -factor * (stretch**2 - 1) / 2), rel=1e-5)
+
+
+def _load(system: System, heights: NDArray[np.float64]) -> WallLoad:
+    tissue = Side(system, "tissue")
+    load = WallLoad(system, heights, tissue)
+    tissue.refresh()
+    load.refresh()
+    return load

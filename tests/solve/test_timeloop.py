@@ -78,7 +78,7 @@ class Fake:
     def restore(self, _arrays: dict[str, Vector]) -> None:
         pass
 
-    def solve(self, tolerance: float, max_iterations: int) -> Solution:
+    def solve(self, tolerance: float, max_iterations: int, ahead: float | None = None) -> Solution:
         wanted = self.system.case.solver
         assert (tolerance, max_iterations) == (wanted.tolerance, wanted.max_iterations)
         if self.fails(self.time, self.system.time):
