@@ -7,6 +7,7 @@ equations could not be solved, 4 stopped before its end as asked (--max-wall, a 
 
 from __future__ import annotations
 
+import signal
 import sys
 import tempfile
 import tomllib
@@ -24,6 +25,7 @@ import typer
 
 from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, needs_clone, unknown
 from ngfsi.units import seconds
+from ngfsi.world import world
 
 INTERRUPTED = 130
 
@@ -390,6 +392,17 @@ def _unexpected(error: Exception) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Entry point; always ends in SystemExit."""
     try:
+        ranks = world()
+    except NgfsiError as error:
+        _say(str(error))
+        sys.exit(error.exit_code)
+    if not ranks.leads:
+        from ngfsi.solve.crew import Hand
+
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # rank 0 judges
+        Hand(ranks).work()
+        sys.exit(0)
+    try:
         app(arguments)
     except NgfsiError as error:
         _say(str(error))
@@ -397,6 +410,8 @@ def main(arguments: list[str] | None = None) -> None:
     except Exception as error:
         _unexpected(error)
         sys.exit(1)
+    finally:
+        ranks.dismiss()
 
 
 if __name__ == "__main__":
