@@ -87,22 +87,17 @@ class Factorisation:
             self._solve(residual, update)
 
     def _solve(self, residual: Any, update: Any) -> None:
-        if not self.form.condense:
+        if self.form.condense:
+            values = residual.FV().NumPy()
+            raw = residual.CreateVector()
+            raw.FV().NumPy()[self._equations] = values
+            raw.data += self.form.harmonic_extension_trans * raw
+            values[:] = raw.FV().NumPy()[self._equations]
             update.data = self._inverse * residual
-            return
-        values = residual.FV().NumPy()
-        raw = residual.CreateVector()
-        raw.FV().NumPy()[self._equations] = values
-        raw.data += self._of_all(self.form.harmonic_extension_trans * raw)
-        values[:] = raw.FV().NumPy()[self._equations]
-        update.data = self._inverse * residual
-        update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
-
-    def _of_all(self, product: Any) -> Any:
-        """Return the sum over the ranks' elements of a product with an operator of each element."""
-        vector = product.Evaluate()
-        self._world.add(vector.FV().NumPy())
-        return vector
+            update.data += self.form.harmonic_extension * update
+            update.data += self.form.inner_solve * raw
+        else:
+            update.data = self._inverse * residual
 
 
 def _ranges(starts: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.int64]:
