@@ -268,3 +268,15 @@ class Domain:
                 "elements smaller or the curving order higher"
             )
         return errors
+
+
+def elements_at(domain: Domain, region: str, boundary: str) -> ngsolve.BitArray:
+    """Return the elements of a region that touch a boundary."""
+    mesh = domain.mesh
+    touching = {v.nr for element in domain.boundaries(boundary).Elements() for v in element.vertices}
+    chosen = ngsolve.BitArray(mesh.ne)
+    chosen[:] = False
+    for element in domain.materials(region).Elements():
+        if any(v.nr in touching for v in element.vertices):
+            chosen[element.nr] = True
+    return chosen

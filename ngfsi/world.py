@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import CaseError, SolverError
 
-LAUNCHERS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
-"""Variables by which Open MPI, and MPICH and its kin, tell a process how many there are."""
+LAUNCHERS = {"OMPI_COMM_WORLD_RANK": "OMPI_COMM_WORLD_SIZE", "PMI_RANK": "PMI_SIZE"}
+"""Variables by which Open MPI, and MPICH and its kin, tell a process which it is, and how many there are."""
+THREADS = ("NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 END = "end"
 
 T = TypeVar("T")
@@ -138,21 +139,31 @@ ALONE = World()
 """This process, whatever others there are."""
 
 
+def launched() -> tuple[int, int]:
+    """Return number and count of the processes that a launcher started, 0 and 1 without one."""
+    for rank, size in LAUNCHERS.items():
+        if size in os.environ:
+            return int(os.environ.get(rank, "0")), int(os.environ[size])
+    return 0, 1
+
+
 @cache
 def world() -> World:
-    """Return the ranks that a launcher started.
+    """Return the ranks that a launcher started; each takes one thread unless the environment says otherwise.
 
     Raises:
         CaseError: they cannot work together.
     """
-    size = next((int(os.environ[name]) for name in LAUNCHERS if name in os.environ), 1)
+    _, size = launched()
     if size == 1:
         return ALONE
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
     missing = [name for name in ("mpi4py", "petsc4py") if find_spec(name) is None]
     if missing:
         raise CaseError(
             f"{size} processes were started, which need {' and '.join(missing)} to work together: see 'Several "
-            "machines' in the README, or start one"
+            "processes' in the README, or start one"
         )
     from mpi4py import MPI
 

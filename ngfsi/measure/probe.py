@@ -8,10 +8,10 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import Id, InnerProduct
 
-from ngfsi.domain import Vein
+from ngfsi.domain import Vein, elements_at
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.sections import Sections
-from ngfsi.measure.transmural import WallLoad, elements_at
+from ngfsi.measure.transmural import WallLoad
 from ngfsi.measure.wall import ShearStatistics, Wall
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics

@@ -7,7 +7,7 @@ import numpy as np
 from ngsolve import Id, InnerProduct
 from numpy.typing import NDArray
 
-from ngfsi.domain import Domain, Vein
+from ngfsi.domain import Vein, elements_at
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.system import System
@@ -70,15 +70,3 @@ class WallLoad:
             form.Assemble()
             sums.append(np.bincount(self._level, form.vec.FV().NumPy()[self._vertices]))
         self.tissue = np.interp(self._heights, self._levels, sums[0] / sums[1])
-
-
-def elements_at(domain: Domain, region: str, boundary: str) -> ng.BitArray:
-    """Return the elements of a region that touch a boundary."""
-    mesh = domain.mesh
-    touching = {v.nr for element in domain.boundaries(boundary).Elements() for v in element.vertices}
-    chosen = ng.BitArray(mesh.ne)
-    chosen[:] = False
-    for element in domain.materials(region).Elements():
-        if any(v.nr in touching for v in element.vertices):
-            chosen[element.nr] = True
-    return chosen

@@ -55,6 +55,8 @@ class Factorisation:
                 shared = self._world.size > 1
                 self._inverse = BACKENDS[self.backend].factors(self.form.mat, self._solved, self._inverse, shared)
         except Exception as error:  # NGSolve raises its own and generic exceptions for singular element matrices
+            if self._world.size > 1 and not isinstance(error, SolverError):
+                raise  # what the other ranks do not know of cannot be gone on from
             raise SolverError(f"the linearised system could not be factorised: {error}") from error
         self.count += 1
 
@@ -87,17 +89,22 @@ class Factorisation:
             self._solve(residual, update)
 
     def _solve(self, residual: Any, update: Any) -> None:
-        if self.form.condense:
-            values = residual.FV().NumPy()
-            raw = residual.CreateVector()
-            raw.FV().NumPy()[self._equations] = values
-            raw.data += self.form.harmonic_extension_trans * raw
-            values[:] = raw.FV().NumPy()[self._equations]
+        if not self.form.condense:
             update.data = self._inverse * residual
-            update.data += self.form.harmonic_extension * update
-            update.data += self.form.inner_solve * raw
-        else:
-            update.data = self._inverse * residual
+            return
+        values = residual.FV().NumPy()
+        raw = residual.CreateVector()
+        raw.FV().NumPy()[self._equations] = values
+        raw.data += self._of_all(self.form.harmonic_extension_trans * raw)
+        values[:] = raw.FV().NumPy()[self._equations]
+        update.data = self._inverse * residual
+        update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
+
+    def _of_all(self, product: Any) -> Any:
+        """Return the sum over all ranks of a product with an operator of their elements."""
+        vector = product.Evaluate()
+        self._world.add(vector.FV().NumPy())
+        return vector
 
 
 def _ranges(starts: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.int64]:

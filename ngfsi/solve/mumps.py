@@ -32,7 +32,7 @@ def without_petsc() -> str:
     try:
         from petsc4py import PETSc
     except ImportError as error:
-        return f"needs petsc4py, which cannot be loaded here ({error}): see 'Several machines' in the README"
+        return f"needs petsc4py, which cannot be loaded here ({error}): see 'Several processes' in the README"
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return "needs a PETSc with MUMPS, which the one here is without"
     return ""
@@ -80,7 +80,8 @@ class Mumps(ng.la.SparseFactorizationInterface):  # type: ignore[misc]
         self._factors.setMumpsIcntl(MEMORY, WORKSPACE_SHARE)
         self._right, self._solution = self._matrix.createVecs()
         self._new = True
-        _kept.append((self._mine, self._sum, self._matrix, self._solver, self._right, self._solution, there))
+        if self._world is not ALONE:
+            _kept.append((self._mine, self._sum, self._matrix, self._solver, self._right, self._solution, there))
 
     def Factor(self) -> None:
         """Factorise the present values.

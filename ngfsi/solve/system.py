@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.displacement import OutlineDisplacement
-from ngfsi.domain import Domain
+from ngfsi.domain import Domain, elements_at
 from ngfsi.materials import Newtonian
 from ngfsi.materials.small_strain import SmallStrain
 from ngfsi.physics import terms
@@ -101,8 +101,8 @@ class System:
             self.relaxation = GridFunction(space.components[0])
         parts = self.parts(elements)
         self.form = residual_form(space, parts)
-        # interior unknowns appear from order 3 on; without integrals in an element, as on several ranks, NGSolve fails
-        self.tangent = tangent_form(space, parts, condense=self.unknowns.order >= 3 and world.size == 1)
+        # interior unknowns appear from order 3 on
+        self.tangent = tangent_form(space, parts, condense=self.unknowns.order >= 3)
         self._residual = self.state.vec.CreateVector()
         self._inlet = Inlet(self) if domain.geometry.fluid else None
 
@@ -225,9 +225,20 @@ class System:
         measure = self.domain.dx(
             self.domain.fluid, intrules=rules(2 * self.unknowns.order + EXTRA_ORDER), definedonelements=elements
         )
-        openings = self.openings if self.world.leads else ()
-        through = (Part([self.opening(n, f, k, v)], self.domain.ds(n, skeleton=True)) for n in openings)
-        return [Part(inside, measure), *through]
+        return [Part(inside, measure), *(self._through(n, f, k, v, elements) for n in self.openings)]
+
+    def _through(self, name: str, f: Fields, k: Kinematics, v: Any, elements: ng.BitArray | None) -> Part:
+        """Return the traction on an opening as an integral over the boundary of the elements there.
+
+        NGSolve's own over a boundary with the whole gradient (`skeleton`) takes all elements, and room for them.
+        """
+        face = GridFunction(ng.FacetFESpace(self.domain.mesh, order=0))
+        face.Set(1, definedon=self.domain.boundaries(name))
+        near = elements_at(self.domain, self.domain.fluid, name)
+        side = self.domain.dx(
+            self.domain.fluid, element_boundary=True, definedonelements=near if elements is None else near & elements
+        )
+        return Part([face * self.opening(name, f, k, v)], side)
 
     def opening(self, name: str, f: Fields, k: Kinematics, v: Any) -> Any:
         """Return the integrand of the traction on an opening with a prescribed pressure; needs the full gradient."""
