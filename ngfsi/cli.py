@@ -402,6 +402,7 @@ def main(arguments: list[str] | None = None) -> None:
     if not ranks.leads:
         _lend_a_hand(ranks)
         sys.exit(0)
+    ranks.manned = True
     try:
         _refuse_ranks(ranks, sys.argv[1:] if arguments is None else arguments)
         app(arguments)

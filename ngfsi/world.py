@@ -37,6 +37,7 @@ class World:
     Attributes:
         rank: number of this process; 0 leads.
         size: number of processes.
+        manned: whether the other ranks wait for orders.
     """
 
     def __init__(self, communicator: Any = None) -> None:
@@ -44,6 +45,7 @@ class World:
         self._comm = communicator
         self.rank: int = communicator.rank if communicator else 0
         self.size: int = communicator.size if communicator else 1
+        self.manned = False
         self._under_way = False
         self._count = itertools.count()
 
@@ -96,7 +98,7 @@ class World:
             sys.stderr.flush()
             self._comm.Abort(1)
         with self.order(END):
-            pass
+            self.manned = False
 
     def together(self, work: Callable[[], T]) -> T:
         """Do each rank's own part of a piece of work, before one that needs all of them.

@@ -28,11 +28,11 @@ from tests.vein import domain_of
 
 ROOT = Path(__file__).parents[1]
 CASE = SQUEEZED.replace(
-    **{"discretisation.order": 3, "conditions.initial_state": "prestress", "output.checkpoint_every": 1}
+    **{"discretisation.order": 3, "conditions.initial_state": "prestress", "time.end": 0.2, "output.wall_every": 2}
 )
 """A vein beside a bone, on rollers, cubic on a quadratic shape, from inverse design: everything that has factors."""
 FLOW = CASE.loads.inlet_flow(0.0)
-PATIENCE = 120.0
+PATIENCE = 600.0
 """Seconds after which a run is taken to hang."""
 
 
@@ -101,7 +101,7 @@ def mpirun(ranks: int, *arguments: str, before: str = "") -> subprocess.Complete
         f"{before}\nfrom ngfsi.cli import main\nmain()"
     )
     command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(ranks), interpreter(), "-c", code]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "NGFSI_GEOMETRY": "tests"}
     return subprocess.run(
         [*command, *arguments], env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
     )

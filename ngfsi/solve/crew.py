@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.domain import Domain
+from ngfsi.errors import CaseError
 from ngfsi.meshing import MeshReport, quiet
 from ngfsi.solve.backends import Name
 from ngfsi.solve.newton import Newton
@@ -29,10 +30,13 @@ def shared_system(case: Case, domain: Domain, watch: Stopwatch, world: World) ->
     """Return the system of a case of which each rank has a share; the others make theirs.
 
     Raises:
-        SolverError: another rank could not, or there are more ranks than elements in a region.
+        CaseError: nobody waits for orders on the other ranks.
+        SolverError: a rank failed.
     """
     if world.size == 1:
         return System(case, domain, watch)
+    if not world.manned:
+        raise CaseError(f"a script runs a case in one process, not in {world.size}: use `mpirun ngfsi run CASE.toml`")
     owners = shares(domain, world.size)
     mesh = partial(pickle.dumps, domain.mesh.ngmesh)
     with world.order("system", case.to_toml, mesh, lambda: domain.report, lambda: owners):
@@ -75,6 +79,7 @@ class Hand:
         self._world = world
         self._system: Any = None
         self._solvers: dict[int, Newton] = {}
+        self._known: dict[str, Vector] = {}
 
     def work(self) -> None:
         """Do what rank 0 orders until it is done."""
@@ -100,15 +105,19 @@ class Hand:
         solver = Newton(self._system, backend, *blocks)
         self._solvers[solver.number] = solver
 
-    def residual(self, snapshot: dict[str, Vector]) -> None:
+    def residual(self, news: dict[str, Vector]) -> None:
         """Add to the residual."""
-        self._system.restore(snapshot)
+        self._hear(news)
         self._system.apply()
 
-    def renew(self, number: int, snapshot: dict[str, Vector]) -> None:
+    def renew(self, number: int, news: dict[str, Vector]) -> None:
         """Linearise and factorise."""
-        self._system.restore(snapshot)
+        self._hear(news)
         self._solvers[number].factorisation.renew(self._system.state.vec)
+
+    def _hear(self, news: dict[str, Vector]) -> None:
+        self._known |= news
+        self._system.restore(self._known)
 
     def solve(self, number: int, values: Vector) -> None:
         """Solve for a right-hand side."""

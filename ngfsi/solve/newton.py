@@ -220,7 +220,7 @@ class Newton:
         solution.factorisations += 1
 
     def _factorise(self) -> None:
-        with self.system.world.order("renew", lambda: self.number, self.system.snapshot):
+        with self.system.world.order("renew", lambda: self.number, self.system.news):
             self.factorisation.renew(self.system.state.vec)
         self._factored_at = [*self._factored_at[: FACTORED_KEPT - 1], self.system.snapshot()]
 

@@ -104,6 +104,7 @@ class System:
         # interior unknowns appear from order 3 on
         self.tangent = tangent_form(space, parts, condense=self.unknowns.order >= 3)
         self._residual = self.state.vec.CreateVector()
+        self._told: dict[str, Vector] = {}
         self._inlet = Inlet(self) if domain.geometry.fluid else None
 
     @property
@@ -294,6 +295,11 @@ class System:
         fields = {name: np.array(field.vec.FV().NumPy()) for name, field in self._fields_of_state().items()}
         return fields | {"loads": np.array([p.Get() for p in self._parameters()] + [self.flow_rate])}
 
+    def news(self) -> dict[str, Vector]:
+        """Return of the snapshot what is not as it was at the last call."""
+        before, self._told = self._told, self.snapshot()
+        return {name: part for name, part in self._told.items() if not np.array_equal(part, before.get(name, ()))}
+
     def restore(self, snapshot: Mapping[str, Vector]) -> None:
         """Take the state, rates and loads of a snapshot of an equal system."""
         for name, field in self._fields_of_state().items():
@@ -322,7 +328,7 @@ class System:
         """
         with self.watch("residuals"):
             self.apply_inflow()
-            with self.world.order("residual", self.snapshot):
+            with self.world.order("residual", self.news):
                 values = self.apply()
         values[:] = values[self.unknowns.equations]
         return self._residual
