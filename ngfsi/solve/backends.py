@@ -69,7 +69,6 @@ class Backend:
         missing: says why it cannot be used here, or nothing.
         updates: whether a new matrix of the same pattern needs no new analysis.
         flags: for NGSolve.
-        ngsolve: its name for NGSolve, if another.
         distributed: whether several ranks can work on it together.
     """
 
@@ -78,7 +77,6 @@ class Backend:
     missing: Callable[[], str] = str
     updates: bool = False
     flags: Mapping[str, Any] = field(default_factory=dict)
-    ngsolve: str = ""
     distributed: bool = False
 
     def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, shared: bool = False) -> Any:
@@ -89,7 +87,7 @@ class Backend:
         """
         flags = {**self.flags, **({"shared": True} if shared else {})}
         if old is None or not self.updates:
-            return matrix.Inverse(rows, inverse=self.ngsolve or self.name, **({"flags": flags} if flags else {}))
+            return matrix.Inverse(rows, inverse=self.name, **({"flags": flags} if flags else {}))
         old.Update()
         return old
 
@@ -101,8 +99,7 @@ BACKENDS = {
         Backend("umfpack", "comes with NGSolve"),
         Backend("pardiso_single", "Pardiso with factors of single precision: less memory for more iterations, to the "
                 "same tolerance", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
-        Backend("mumps", "through PETSc, the one for several ranks", without_petsc, updates=True, ngsolve="petsc_mumps",
-                distributed=True),
+        Backend("mumps", "through PETSc, the one for several ranks", without_petsc, updates=True, distributed=True),
     )
 }  # fmt: skip
 """In the order in which 'auto' takes them."""
@@ -117,7 +114,7 @@ def choose_backend(wanted: Literal["auto"] | Name) -> Name:
     ranks = world().size
     fit = {name: backend for name, backend in BACKENDS.items() if backend.distributed or ranks == 1}
     if wanted == "auto":
-        wanted = next((name for name, backend in fit.items() if not backend.missing()), next(iter(fit)))
+        wanted = next((name for name, backend in fit.items() if not backend.missing()), "mumps")
     if wanted not in fit:
         raise SolverError(f"solver.linear = '{wanted}' works in one process, and there are {ranks}: use 'auto'")
     if reason := BACKENDS[wanted].missing():

@@ -56,8 +56,9 @@ def shares(domain: Domain, count: int) -> NDArray[np.int64]:
 
 
 def _bisected(centres: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """Return the part of each point after recursive bisection along the longest extent (Berger and Bokhari, 1987)."""
-    if count == 1:
+    """Return the part of each point after recursive bisection across the longest extent (Berger and Bokhari, IEEE Trans
+    Comput 36, 1987)."""
+    if count == 1 or not len(centres):
         return np.zeros(len(centres), dtype=np.int64)
     axis = int(np.argmax(np.ptp(centres, axis=0)))
     order = np.argsort(centres[:, axis], kind="stable")

@@ -140,4 +140,4 @@ class Rows:
         return cls(np.argsort(owner, kind="stable"), slice(*map(int, starts)))
 
 
-ng.la.RegisterInverseType("petsc_mumps", Mumps)
+ng.la.RegisterInverseType("mumps", Mumps)
