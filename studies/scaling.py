@@ -90,7 +90,7 @@ class Model:
     """Seconds of each kind of work as c N^a / P^b of unknowns and ranks, and the traffic of rank 0 with the others."""
 
     def __init__(self, runs: Sequence[Measured]) -> None:
-        """Fit by least squares of the logarithms; what rank 0 does alone has b = 0, and none has b > 1."""
+        """Fit by least squares of the logarithms; what rank 0 does alone has b = 0, and none has b < 0 or b > 1."""
         self._iterations = float(np.mean([run.iterations for run in runs]))
         self.powers = {name: self._fit(runs, [run.seconds[name] for run in runs]) for name in SHARED}
         alone = [run for run in runs if run.ranks == 1]
@@ -103,7 +103,7 @@ class Model:
         if not any(ranks):
             columns = columns[:, :2]
         found = np.linalg.lstsq(columns, np.log(seconds), rcond=None)[0]
-        return float(found[0]), float(found[1]), min(1.0, -float(found[2])) if len(found) > 2 else 0.0
+        return float(found[0]), float(found[1]), float(np.clip(-found[2], 0.0, 1.0)) if len(found) > 2 else 0.0
 
     def seconds(self, unknowns: float, ranks: int) -> dict[str, float]:
         """Return the estimated seconds by kind of work."""
