@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import ngfsi.world
+from ngfsi import cli
 from ngfsi.errors import CaseError
 from ngfsi.output import open_run
 from ngfsi.run import run
@@ -197,6 +198,12 @@ def test_one_sentence_for_all_ranks(tmp_path: Path) -> None:
     ended = mpirun(3, "run", str(tmp_path / "missing.toml"))
     assert ended.returncode == 2
     assert ended.stderr.count("ngfsi: ") == 1
-    ended = mpirun(2, "study", "compare_tissues")
-    assert ended.returncode == 2
-    assert ended.stderr.count("ngfsi: mpirun is for ngfsi run and resume: start 'ngfsi study' without it") == 1
+
+
+def test_commands_for_one_process() -> None:
+    two = lonely(0)
+    two.size = 2
+    with pytest.raises(CaseError, match="mpirun is for ngfsi run and resume: start 'ngfsi study' without it"):
+        cli._refuse_ranks(two, ["study", "compare_tissues"])
+    cli._refuse_ranks(two, ["resume", "runs/calf"])
+    cli._refuse_ranks(World(), ["study", "compare_tissues"])
