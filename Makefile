@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # MKL's Pardiso exists for x86-64 only; everywhere else UMFPACK, which NGSolve brings, does the same work
 EXTRAS := $(if $(filter x86_64 amd64,$(shell uname -m)),dev$(COMMA)mkl,dev)
 
-.PHONY: demo test lint types pytest soak paper clean
+.PHONY: demo test lint types pytest soak paper mpi clean
 
 demo: $(VENV)/ready
 	$(BIN)/ngfsi study compare_tissues --level demo --output runs/demo
@@ -30,6 +30,21 @@ soak: $(VENV)/ready
 paper: $(VENV)/ready
 	$(BIN)/ngfsi study compare_tissues --level paper --output runs/paper
 
+# Several processes need Debian's petsc4py, which is built for its Python and for NumPy 1 (docs/parallel.md)
+MPI := .venv-mpi
+PETSC := $(firstword $(wildcard /usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages))
+
+mpi: $(MPI)/ready
+
+$(MPI)/ready: pyproject.toml constraints.txt
+	@test -n "$(PETSC)" || { echo "petsc4py is not here: apt-get install --no-install-recommends python3-petsc4py \
+	python3-mpi4py openmpi-bin libopenblas0-serial"; exit 1; }
+	/usr/bin/python3 -m venv --system-site-packages $(MPI)
+	echo $(PETSC) > $$(echo $(MPI)/lib/python3*/site-packages)/petsc.pth
+	sed 's/^numpy==.*/numpy==1.26.4/' constraints.txt > $(MPI)/constraints.txt
+	$(MPI)/bin/python -m pip install --quiet --disable-pip-version-check -c $(MPI)/constraints.txt -e .
+	touch $@
+
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "ngfsi needs Python 3.11 or newer, this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)
@@ -37,4 +52,4 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(MPI) .mypy_cache .pytest_cache .ruff_cache

@@ -7,6 +7,7 @@ equations could not be solved, 4 stopped before its end as asked (--max-wall, a 
 
 from __future__ import annotations
 
+import signal
 import sys
 import tempfile
 import tomllib
@@ -24,8 +25,11 @@ import typer
 
 from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, needs_clone, unknown
 from ngfsi.units import seconds
+from ngfsi.world import World, launched, world
 
 INTERRUPTED = 130
+SHARED = ("run", "resume")
+"""Commands of which several ranks share the work."""
 
 app = typer.Typer(
     name="ngfsi",
@@ -388,8 +392,19 @@ def _unexpected(error: Exception) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point; always ends in SystemExit."""
+    """Entry point; always ends in SystemExit. Under mpirun rank 0 does what follows, the others what it orders."""
     try:
+        ranks = world()
+    except NgfsiError as error:
+        if launched()[0] == 0:
+            _say(str(error))
+        sys.exit(error.exit_code)
+    if not ranks.leads:
+        _lend_a_hand(ranks)
+        sys.exit(0)
+    ranks.manned = True
+    try:
+        _refuse_ranks(ranks, sys.argv[1:] if arguments is None else arguments)
         app(arguments)
     except NgfsiError as error:
         _say(str(error))
@@ -397,6 +412,24 @@ def main(arguments: list[str] | None = None) -> None:
     except Exception as error:
         _unexpected(error)
         sys.exit(1)
+    finally:
+        ranks.dismiss()
+
+
+def _lend_a_hand(ranks: World) -> None:
+    """Work for rank 0, which alone heeds signals."""
+    from ngfsi.solve.crew import Hand
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    Hand(ranks).work()
+
+
+def _refuse_ranks(ranks: World, arguments: list[str]) -> None:
+    """Raise CaseError for what several ranks cannot do together."""
+    command = next(iter(arguments), "")
+    if ranks.size > 1 and command not in SHARED:
+        raise CaseError(f"mpirun is for ngfsi {' and '.join(SHARED)}: start 'ngfsi {command}' without it")
 
 
 if __name__ == "__main__":

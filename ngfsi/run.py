@@ -27,12 +27,14 @@ from ngfsi.output.stored import StoredRun, open_run
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.backends import Name, choose_backend
+from ngfsi.solve.crew import shared_system
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import Step, TimeLoop
 from ngfsi.stops import Stops
 from ngfsi.stopwatch import Stopwatch
+from ngfsi.world import world
 
 WALL_REFINEMENT = 3
 """Points along each side of an interface element in the written wall fields."""
@@ -192,7 +194,7 @@ class Computation:
 
     def _solve(self, domain: Domain, stops: Stops, *, quiet: bool) -> None:
         with self.watch("set-up"):
-            system = System(self.case, domain, self.watch)
+            system = shared_system(self.case, domain, self.watch, world())
             self._note_system(system)
             newton = Newton(system, self.backend)
         with self.watch("initial state"):
@@ -315,6 +317,7 @@ class Computation:
             reference={"lumen_volume_m3": system.domain.volume(system.domain.fluid)},
             linear_solver=self.backend,
             threads=ng.ngsglobals.numthreads,
+            ranks=system.world.size,
         )
 
 

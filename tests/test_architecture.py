@@ -11,10 +11,10 @@ import ngfsi
 
 ROOT = Path(ngfsi.__file__).parent
 ORDER = (
-    "errors", "stopwatch", "units", "complaint", "section", "columns", "outline", "displacement", "curves", "builders",
-    "materials", "case", "curving", "meshing", "domain", "physics", "solve", "statics", "measure", "calibrate",
-    "registration", "waveform", "rigid", "tube_law", "vein_1d", "output", "stops", "run", "design", "study",
-    "bench", "verify", "cli",
+    "errors", "world", "stopwatch", "units", "complaint", "section", "columns", "outline", "displacement", "curves",
+    "builders", "materials", "case", "curving", "meshing", "domain", "physics", "solve", "statics", "measure",
+    "calibrate", "registration", "waveform", "rigid", "tube_law", "vein_1d", "output", "stops", "run", "design",
+    "study", "bench", "verify", "cli",
 )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 from scipy.interpolate import CubicSpline
 
 from ngfsi.domain import Vein
@@ -74,7 +75,7 @@ class Sections:
 
     def mean_over_wall(self, values: Array) -> float:
         """Return the mean of a quantity of each section, weighted by the perimeter."""
-        return float(np.trapezoid(values * self.perimeters) / np.trapezoid(self.perimeters))
+        return float(trapezoid(values * self.perimeters) / trapezoid(self.perimeters))
 
     def _enclosed(self, ring: Array, tangent: Array) -> Array:
         """Half the integral of x dy - y dx: the enclosed area for a ring and its own tangent."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 Array = NDArray[np.float64]
 
@@ -44,8 +45,8 @@ class ShearHistory:
         if len(times) < 2 or len(times) != len(shear):
             raise ValueError(f"averages need two times or more, with a stress each: {len(times)}, {len(shear)}")
         span = times[-1] - times[0]
-        size = np.trapezoid(np.linalg.norm(shear, axis=2), times, axis=0) / span
-        vector = np.linalg.norm(np.trapezoid(shear, times, axis=0) / span, axis=1)
+        size = trapezoid(np.linalg.norm(shear, axis=2), times, axis=0) / span
+        vector = np.linalg.norm(trapezoid(shear, times, axis=0) / span, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             osi = np.where(size > 0, (1 - vector / size) / 2, 0.0)
             return cls(size, osi, np.where(vector > 0, 1 / vector, np.inf))

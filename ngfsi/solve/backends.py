@@ -16,8 +16,10 @@ import numpy as np
 from ngsolve.solvers.mkl_pardiso import MKLPardiso
 
 from ngfsi.errors import SolverError
+from ngfsi.solve.mumps import without_petsc
+from ngfsi.world import world
 
-Name = Literal["pardiso", "pardiso_single", "umfpack"]
+Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps"]
 
 NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
 """It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the
@@ -67,6 +69,7 @@ class Backend:
         missing: says why it cannot be used here, or nothing.
         updates: whether a new matrix of the same pattern needs no new analysis.
         flags: for NGSolve.
+        distributed: whether several ranks can work on it together.
     """
 
     name: Name
@@ -74,11 +77,17 @@ class Backend:
     missing: Callable[[], str] = str
     updates: bool = False
     flags: Mapping[str, Any] = field(default_factory=dict)
+    distributed: bool = False
 
-    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None) -> Any:
-        """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible."""
+    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, shared: bool = False) -> Any:
+        """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible.
+
+        Args:
+            shared: the matrix is the sum of those with which all ranks call this.
+        """
+        flags = {**self.flags, **({"shared": True} if shared else {})}
         if old is None or not self.updates:
-            return matrix.Inverse(rows, inverse=self.name, **({"flags": dict(self.flags)} if self.flags else {}))
+            return matrix.Inverse(rows, inverse=self.name, **({"flags": flags} if flags else {}))
         old.Update()
         return old
 
@@ -90,6 +99,7 @@ BACKENDS = {
         Backend("umfpack", "comes with NGSolve"),
         Backend("pardiso_single", "Pardiso with factors of single precision: less memory for more iterations, to the "
                 "same tolerance", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
+        Backend("mumps", "through PETSc, the one for several ranks", without_petsc, updates=True, distributed=True),
     )
 }  # fmt: skip
 """In the order in which 'auto' takes them."""
@@ -99,11 +109,15 @@ def choose_backend(wanted: Literal["auto"] | Name) -> Name:
     """Return the direct solver to use.
 
     Raises:
-        SolverError: the one that is asked for is not here.
+        SolverError: the one that is asked for is not here, or not for as many ranks as there are.
     """
+    ranks = world().size
+    fit = {name: backend for name, backend in BACKENDS.items() if backend.distributed or ranks == 1}
     if wanted == "auto":
-        return next(name for name, backend in BACKENDS.items() if not backend.missing())
+        wanted = next((name for name, backend in fit.items() if not backend.missing()), "mumps")
+    if wanted not in fit:
+        raise SolverError(f"solver.linear = '{wanted}' works in one process, and there are {ranks}: use 'auto'")
     if reason := BACKENDS[wanted].missing():
-        others = " or ".join(f"'{name}'" for name, backend in BACKENDS.items() if not backend.missing())
-        raise SolverError(f"solver.linear = '{wanted}' {reason} or use {others}")
+        others = " or ".join(f"'{name}'" for name, backend in fit.items() if not backend.missing())
+        raise SolverError(f"solver.linear = '{wanted}' {reason}{f' or use {others}' if others else ''}")
     return wanted

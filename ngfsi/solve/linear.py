@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ngfsi.errors import SolverError
 from ngfsi.solve.backends import BACKENDS, Name
 from ngfsi.stopwatch import Stopwatch
+from ngfsi.world import ALONE, World
 
 Mask = NDArray[np.bool_]
 
@@ -23,18 +24,19 @@ class Factorisation:
 
     def __init__(
         self, form: ng.BilinearForm, free: Mask, backend: Name, equations: NDArray[np.int64] | None = None,
-        watch: Stopwatch | None = None,
+        watch: Stopwatch | None = None, world: World = ALONE,
     ) -> None:  # fmt: skip
         """Prepare.
 
         Args:
             equations: number of the form's row that is each unknown's equation, an involution; default: its own.
             watch: takes the seconds of assembly, factorisation and solves.
+            world: ranks of which each has a share of the form, and which all call `renew` and `solve`.
         """
         self.form = form
         self.backend = backend
         self.count = 0
-        self._watch = watch or Stopwatch()
+        self._watch, self._world = watch or Stopwatch(), world
         self._equations = np.arange(form.space.ndof) if equations is None else equations
         self._solved = ng.BitArray(list(free & np.array(list(form.space.FreeDofs(form.condense)))))
         self._target: NDArray[np.int64] | None = None
@@ -48,13 +50,19 @@ class Factorisation:
         """
         try:
             with self._watch("assembly"):
-                self.form.AssembleLinearization(state)
-                self._take_rows()
+                self._world.together(lambda: self._assemble(state))
             with self._watch("factorisation"):
-                self._inverse = BACKENDS[self.backend].factors(self.form.mat, self._solved, self._inverse)
+                shared = self._world.size > 1
+                self._inverse = BACKENDS[self.backend].factors(self.form.mat, self._solved, self._inverse, shared)
         except Exception as error:  # NGSolve raises its own and generic exceptions for singular element matrices
+            if self._world.size > 1 and not isinstance(error, SolverError):
+                raise  # what the other ranks do not know of cannot be gone on from
             raise SolverError(f"the linearised system could not be factorised: {error}") from error
         self.count += 1
+
+    def _assemble(self, state: Any) -> None:
+        self.form.AssembleLinearization(state)
+        self._take_rows()
 
     def _take_rows(self) -> None:
         """Put each equation into the row of its unknown."""
@@ -81,17 +89,22 @@ class Factorisation:
             self._solve(residual, update)
 
     def _solve(self, residual: Any, update: Any) -> None:
-        if self.form.condense:
-            values = residual.FV().NumPy()
-            raw = residual.CreateVector()
-            raw.FV().NumPy()[self._equations] = values
-            raw.data += self.form.harmonic_extension_trans * raw
-            values[:] = raw.FV().NumPy()[self._equations]
+        if not self.form.condense:
             update.data = self._inverse * residual
-            update.data += self.form.harmonic_extension * update
-            update.data += self.form.inner_solve * raw
-        else:
-            update.data = self._inverse * residual
+            return
+        values = residual.FV().NumPy()
+        raw = residual.CreateVector()
+        raw.FV().NumPy()[self._equations] = values
+        raw.data += self._of_all(self.form.harmonic_extension_trans * raw)
+        values[:] = raw.FV().NumPy()[self._equations]
+        update.data = self._inverse * residual
+        update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
+
+    def _of_all(self, product: Any) -> Any:
+        """Return the sum over all ranks of a product with an operator of their elements."""
+        vector = product.Evaluate()
+        self._world.add(vector.FV().NumPy())
+        return vector
 
 
 def _ranges(starts: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -106,9 +106,13 @@ class Newton:
 
     def __init__(self, system: System, backend: Name, *blocks: str) -> None:
         self.system = system
+        with system.world.order("newton", lambda: backend, lambda: blocks):
+            self.number = system.world.count()
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
-        self.factorisation = Factorisation(system.tangent, self.free, backend, system.unknowns.equations, system.watch)
+        self.factorisation = Factorisation(
+            system.tangent, self.free, backend, system.unknowns.equations, system.watch, system.world
+        )
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False
@@ -199,7 +203,8 @@ class Newton:
     def _plain_step(self) -> Vector:
         residual = self.system.residual()
         residual.FV().NumPy()[~self.free] = 0.0
-        self.factorisation.solve(residual, self._update)
+        with self.system.world.order("solve", lambda: self.number, residual.FV().NumPy):
+            self.factorisation.solve(residual, self._update)
         return -np.asarray(self._update.FV().NumPy()[self.free])
 
     def _needs_renewal(self, weight: float) -> bool:
@@ -224,7 +229,8 @@ class Newton:
         solution.factorisations += 1
 
     def _factorise(self) -> None:
-        self.factorisation.renew(self.system.state.vec)
+        with self.system.world.order("renew", lambda: self.number, self.system.news):
+            self.factorisation.renew(self.system.state.vec)
         self._factored_at = [*self._factored_at[: FACTORED_KEPT - 1], self.system.snapshot()]
 
     @staticmethod

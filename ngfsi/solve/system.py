@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import ngsolve as ng
@@ -23,6 +24,7 @@ from ngfsi.solve.forms import Part, reduced_rules, residual_form, rules, tangent
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
 from ngfsi.stopwatch import Stopwatch
+from ngfsi.world import ALONE, World
 
 Vector = NDArray[np.float64]
 
@@ -60,13 +62,18 @@ class System:
     the old states' part for each unknown, in the same vector layout as the state itself.
     """
 
-    def __init__(self, case: Case, domain: Domain, watch: Stopwatch | None = None) -> None:
+    def __init__(
+        self, case: Case, domain: Domain, watch: Stopwatch | None = None, world: World = ALONE,
+        elements: ng.BitArray | None = None,
+    ) -> None:  # fmt: skip
         """Build the forms.
 
         Args:
             watch: takes the seconds of residuals, assembly, factorisation and solves.
+            world: ranks that work on the same case together.
+            elements: those of which this rank has the integrals; default: all.
         """
-        self.case, self.domain = case, domain
+        self.case, self.domain, self.world = case, domain, world
         self.watch = watch or Stopwatch()
         inflow = case.loads.inlet_pressure is None
         given = case.conditions
@@ -92,11 +99,12 @@ class System:
         self.relaxation: GridFunction | None = None
         if case.conditions.initial_state == "prestress":
             self.relaxation = GridFunction(space.components[0])
-        parts = self.parts()
+        parts = self.parts(elements)
         self.form = residual_form(space, parts)
         # interior unknowns appear from order 3 on
         self.tangent = tangent_form(space, parts, condense=self.unknowns.order >= 3)
         self._residual = self.state.vec.CreateVector()
+        self._told: dict[str, Vector] = {}
         self._inlet = Inlet(self) if domain.geometry.fluid else None
 
     @property
@@ -137,9 +145,10 @@ class System:
         near = None if at is None else elements_at(self.domain, self.domain.fluid, at)
         return residual_form(self.unknowns.space, self.fluid_parts(near))
 
-    def parts(self) -> list[Part]:
-        """Return the integrands of the weak form."""
-        return self.solid_parts() + (self.fluid_parts() if self.domain.geometry.fluid else [])
+    def parts(self, elements: ng.BitArray | None = None) -> list[Part]:
+        """Return the integrands of the weak form, on some elements or all; of several ranks the first has those on
+        boundaries."""
+        return self.solid_parts(elements) + (self.fluid_parts(elements) if self.domain.geometry.fluid else [])
 
     def hydrostatic_pressure(self, region: str) -> Any:
         """Return p = -tr(sigma)/3 (Pa) of a solid in the present state."""
@@ -151,17 +160,19 @@ class System:
         return -law.variation(in_space(F, stretch), ng.Id(3)) / 3
 
     def work_parts(
-        self, name: str, F: Any, grad_v: Any, relaxation: Any | None, across: tuple[Any, Any] = (1, 0)
-    ) -> list[Part]:
+        self, name: str, F: Any, grad_v: Any, relaxation: Any | None, across: tuple[Any, Any] = (1, 0),
+        elements: ng.BitArray | None = None,
+    ) -> list[Part]:  # fmt: skip
         """Return the virtual work of a solid's stresses, at all integration points first."""
-        order, law, dx = self.unknowns.order, self.solids[name], self.domain.dx
-        measure = dx(name, intrules=rules(2 * order))
+        order, law = self.unknowns.order, self.solids[name]
+        dx = partial(self.domain.dx, name, definedonelements=elements)
+        measure = dx(intrules=rules(2 * order))
         if self.case.discretisation.bulk_integration == "full":
             return [Part([terms.internal_work(law, F, grad_v, relaxation, across)], measure)]
         rest, bulk = terms.internal_works(law, F, grad_v, relaxation, across)
-        return [Part([rest], measure), Part([bulk], dx(name, intrules=reduced_rules(order)))]
+        return [Part([rest], measure), Part([bulk], dx(intrules=reduced_rules(order)))]
 
-    def solid_parts(self) -> list[Part]:
+    def solid_parts(self, elements: ng.BitArray | None = None) -> list[Part]:
         """Return the integrands of the solids and of the pressures on skin and lumens."""
         trial, test = self.unknowns.space.TnT()
         m, v = trial[0], test[0]
@@ -172,8 +183,10 @@ class System:
         for name, law in self.solids.items():
             # the stretch across the plane and its variation
             across = (1 + trial[1], test[1]) if name in self.case.conditions.plane_stress else (1, 0)
-            (works, measure), *more = self.work_parts(name, F, ng.Grad(v), relaxation, across)
+            (works, measure), *more = self.work_parts(name, F, ng.Grad(v), relaxation, across, elements)
             parts += [Part([*works, terms.inertia(law.density, acceleration, v)], measure), *more]
+        if not self.world.leads:
+            return parts
         if self.domain.has_boundary("skin"):
             parts.append(self._pressure_on("skin", self._on_skin(), m, v))
         lumens = getattr(self.domain.geometry, "lumen_names", ())
@@ -215,11 +228,23 @@ class System:
         else:
             stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
             inside.append(terms.elastic_extension(stiffness, k, ng.Grad(v_mesh)))
-        through = (Part([self.opening(n, f, k, v)], self.domain.ds(n, skeleton=True)) for n in self.openings)
         measure = self.domain.dx(
             self.domain.fluid, intrules=rules(2 * self.unknowns.order + EXTRA_ORDER), definedonelements=elements
         )
-        return [Part(inside, measure), *through]
+        return [Part(inside, measure), *(self._through(n, f, k, v, elements) for n in self.openings)]
+
+    def _through(self, name: str, f: Fields, k: Kinematics, v: Any, elements: ng.BitArray | None) -> Part:
+        """Return the traction on an opening as an integral over the boundary of the elements there.
+
+        NGSolve's own over a boundary with the whole gradient (`skeleton`) takes all elements, and room for them.
+        """
+        face = GridFunction(ng.FacetFESpace(self.domain.mesh, order=0))
+        face.Set(1, definedon=self.domain.boundaries(name))
+        near = elements_at(self.domain, self.domain.fluid, name)
+        side = self.domain.dx(
+            self.domain.fluid, element_boundary=True, definedonelements=near if elements is None else near & elements
+        )
+        return Part([face * self.opening(name, f, k, v)], side)
 
     def opening(self, name: str, f: Fields, k: Kinematics, v: Any) -> Any:
         """Return the integrand of the traction on an opening with a prescribed pressure; needs the full gradient."""
@@ -275,6 +300,11 @@ class System:
         fields = {name: np.array(field.vec.FV().NumPy()) for name, field in self._fields_of_state().items()}
         return fields | {"loads": np.array([p.Get() for p in self._parameters()] + [self.flow_rate])}
 
+    def news(self) -> dict[str, Vector]:
+        """Return of the snapshot what is not as it was at the last call."""
+        before, self._told = self._told, self.snapshot()
+        return {name: part for name, part in self._told.items() if not np.array_equal(part, before.get(name, ()))}
+
     def restore(self, snapshot: Mapping[str, Vector]) -> None:
         """Take the state, rates and loads of a snapshot of an equal system."""
         for name, field in self._fields_of_state().items():
@@ -303,10 +333,17 @@ class System:
         """
         with self.watch("residuals"):
             self.apply_inflow()
-            self.form.Apply(self.state.vec, self._residual)
-        values = self._residual.FV().NumPy()
+            with self.world.order("residual", self.news):
+                values = self.apply()
         values[:] = values[self.unknowns.equations]
         return self._residual
+
+    def apply(self) -> Vector:
+        """Evaluate the residual of the weak form at the present state, each rank its share, and return it."""
+        self.world.together(lambda: self.form.Apply(self.state.vec, self._residual))
+        values = np.asarray(self._residual.FV().NumPy())
+        self.world.add(values)
+        return values
 
     def block_scales(self) -> dict[str, float]:
         """Physical scale of each block, against which changes are judged.

@@ -1,0 +1,178 @@
+"""The processes (ranks) of one run under mpirun, of which rank 0 leads and the others do what it orders.
+
+Only rank 0 runs the program: it alone reads, decides, measures and writes. The others wait for its orders (`obey`), of
+which each is a piece of work that all ranks do together. So no rank can come to another decision than the others, and
+without mpirun nothing is different but that there is nobody to order.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.errors import CaseError, SolverError
+
+LAUNCHERS = {"OMPI_COMM_WORLD_RANK": "OMPI_COMM_WORLD_SIZE", "PMI_RANK": "PMI_SIZE"}
+"""Variables by which Open MPI, and MPICH and its kin, tell a process which it is, and how many there are."""
+THREADS = ("NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+END = "end"
+
+T = TypeVar("T")
+Handler = Callable[..., None]
+
+
+class World:
+    """The ranks, or this process alone.
+
+    Attributes:
+        rank: number of this process; 0 leads.
+        size: number of processes.
+        manned: whether the other ranks wait for orders.
+    """
+
+    def __init__(self, communicator: Any = None) -> None:
+        """Take an mpi4py communicator; None: this process is alone."""
+        self._comm = communicator
+        self.rank: int = communicator.rank if communicator else 0
+        self.size: int = communicator.size if communicator else 1
+        self.manned = False
+        self._under_way = False
+        self._count = itertools.count()
+
+    @property
+    def leads(self) -> bool:
+        """Whether this process is rank 0."""
+        return self.rank == 0
+
+    def count(self) -> int:
+        """Return 0, 1, 2 ...: the same for things that are made on the same orders."""
+        return next(self._count)
+
+    @contextmanager
+    def order(self, name: str, *data: Callable[[], Any]) -> Iterator[None]:
+        """Have the other ranks, if there are any, do what this one does in the block.
+
+        Args:
+            data: each returns an argument for the others; called only if there are others.
+        """
+        if self.size > 1 and self.leads:
+            self._comm.bcast((name, [make() for make in data]))
+            self._under_way = True
+        try:
+            yield
+        except SolverError:  # of all ranks
+            self._under_way = False
+            raise
+        self._under_way = False
+
+    def obey(self, handlers: dict[str, Handler]) -> None:
+        """Do what rank 0 orders, until it sends the others home.
+
+        What fails in a part of the work that ranks do by themselves, rank 0 knows and judges; anything else ends all.
+        """
+        while True:
+            name, data = self._comm.bcast(None)
+            if name == END:
+                return
+            try:
+                handlers[name](*data)
+            except SolverError:
+                continue
+            except Exception as error:
+                print(f"ngfsi: rank {self.rank} failed, {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+                self._comm.Abort(1)
+
+    def dismiss(self) -> None:
+        """Send the other ranks home; if they are in the midst of a piece of work, end all."""
+        if self._under_way:
+            sys.stderr.flush()
+            self._comm.Abort(1)
+        with self.order(END):
+            self.manned = False
+
+    def together(self, work: Callable[[], T]) -> T:
+        """Do each rank's own part of a piece of work, before one that needs all of them.
+
+        Raises:
+            SolverError: on all ranks, if any of them failed, with what the first of those said.
+        """
+        if self.size == 1:
+            return work()
+        failure, result = "", None
+        try:
+            result = work()
+        except Exception as error:
+            failure = f"{error}" if isinstance(error, SolverError) else f"{type(error).__name__}: {error}"
+        said = self._comm.allgather(failure)
+        if any(said):
+            rank = next(rank for rank, sentence in enumerate(said) if sentence)
+            raise SolverError(f"{said[rank]} (on rank {rank} of {self.size})")
+        return result  # type: ignore[return-value] # where there is no failure there is a result
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Replace values by their sum over all ranks."""
+        if self.size > 1:
+            from mpi4py import MPI
+
+            self._comm.Allreduce(MPI.IN_PLACE, values)
+
+    def lowest(self, count: int, mine: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return for each of `count` things the lowest rank that has it among its own, or their number if none has."""
+        found = np.full(count, self.size)
+        found[mine] = self.rank
+        if self.size > 1:
+            from mpi4py import MPI
+
+            self._comm.Allreduce(MPI.IN_PLACE, found, MPI.MIN)
+        return found
+
+
+ALONE = World()
+"""This process, whatever others there are."""
+
+
+def launched() -> tuple[int, int]:
+    """Return number and count of the processes that a launcher started, 0 and 1 without one."""
+    for rank, size in LAUNCHERS.items():
+        if size in os.environ:
+            return int(os.environ.get(rank, "0")), int(os.environ[size])
+    return 0, 1
+
+
+@cache
+def world() -> World:
+    """Return the ranks that a launcher started; each takes one thread unless the environment says otherwise.
+
+    Raises:
+        CaseError: they cannot work together.
+    """
+    _, size = launched()
+    if size == 1:
+        return ALONE
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+    missing = [name for name in ("mpi4py", "petsc4py") if find_spec(name) is None]
+    if missing:
+        raise CaseError(
+            f"{size} processes were started, which need {' and '.join(missing)} to work together: see 'Several "
+            "processes' in the README, or start one"
+        )
+    from mpi4py import MPI
+
+    if MPI.COMM_WORLD.size != size:
+        raise CaseError(
+            f"{size} processes were started, but mpi4py sees {MPI.COMM_WORLD.size}: it was built for another MPI than "
+            "the mpirun that started them"
+        )
+    import_module("petsc4py.PETSc")  # which begins on all ranks together
+    return World(MPI.COMM_WORLD)

@@ -1,0 +1,209 @@
+"""Runs under mpirun: the results of one process on any number of ranks, whatever ends them.
+
+They need an interpreter with petsc4py, which `make mpi` installs; without one they are left out, with the reason.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import ngsolve as ng
+import numpy as np
+import pytest
+
+import ngfsi.world
+from ngfsi import cli
+from ngfsi.errors import CaseError
+from ngfsi.output import open_run
+from ngfsi.run import run
+from ngfsi.solve.crew import shares
+from ngfsi.solve.system import System
+from ngfsi.world import World
+from tests.conftest import SQUEEZED
+from tests.vein import domain_of
+
+ROOT = Path(__file__).parents[1]
+CASE = SQUEEZED.replace(
+    **{"discretisation.order": 3, "conditions.initial_state": "prestress", "time.end": 0.2, "output.wall_every": 2}
+)
+"""A vein beside a bone, on rollers, cubic on a quadratic shape, from inverse design: everything that has factors."""
+FLOW = CASE.loads.inlet_flow(0.0)
+PATIENCE = 600.0
+"""Seconds after which a run is taken to hang."""
+
+
+def lonely(rank: int) -> World:
+    """Return a rank that knows its place but has nobody to talk to."""
+    world = World()
+    world.rank = rank
+    return world
+
+
+@pytest.mark.parametrize("count", [2, 3, 1000])
+def test_shares_are_compact_and_equal(count: int) -> None:
+    domain = domain_of(SQUEEZED.geometry)
+    owners = shares(domain, count)
+    for region in domain.regions:
+        numbers = [element.nr for element in domain.mesh.Elements(ng.VOL) if element.mat == region]
+        sizes = np.bincount(owners[numbers], minlength=count)
+        assert sizes.max() - sizes.min() <= 1
+
+
+def test_shares_sum_up_to_the_system() -> None:
+    domain = domain_of(SQUEEZED.geometry)
+    owners = shares(domain, 3)
+    whole = System(SQUEEZED, domain)
+    parts = [System(SQUEEZED, domain, world=lonely(r), elements=ng.BitArray(list(owners == r))) for r in range(3)]
+    whole.set_loads(0.1)
+    whole.values[:] = 1e-4 * np.random.default_rng(4).standard_normal(whole.unknowns.size)
+    for part in parts:
+        part.restore(whole.snapshot())
+    wanted = np.array(whole.apply())
+    found = [np.array(part.apply()) for part in parts]
+    np.testing.assert_allclose(sum(found), wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+    vector = whole.state.vec
+    for system in (whole, *parts):
+        system.tangent.AssembleLinearization(vector)
+    product = np.array((whole.tangent.mat * vector).Evaluate().FV().NumPy())
+    sums = sum(np.array((part.tangent.mat * vector).Evaluate().FV().NumPy()) for part in parts)
+    np.testing.assert_allclose(sums, product, rtol=0, atol=1e-12 * np.abs(product).max())
+    entries = [part.tangent.mat.nze for part in parts]
+    assert max(entries) < 0.7 * whole.tangent.mat.nze  # a rank stores no matrix of what is not its own
+
+
+def test_ranks_without_mpi4py(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "4")
+    monkeypatch.setattr(ngfsi.world, "find_spec", lambda name: None if name == "petsc4py" else name)
+    with pytest.raises(CaseError, match="4 processes were started, which need petsc4py"):
+        ngfsi.world.world.__wrapped__()
+
+
+@cache
+def interpreter() -> str:
+    """Return a Python that can run on several ranks here."""
+    if shutil.which("mpirun") is None:
+        pytest.skip("no mpirun here: see 'Several processes' in the README")
+    for python in (ROOT / ".venv-mpi" / "bin" / "python", Path(sys.executable)):
+        needs = "import petsc4py.PETSc, mpi4py.MPI, ngsolve"
+        if python.exists() and subprocess.run([python, "-c", needs], capture_output=True, check=False).returncode == 0:
+            return str(python)
+    pytest.skip("no Python with petsc4py and mpi4py here: run `make mpi`")
+
+
+def mpirun(ranks: int, *arguments: str, before: str = "") -> subprocess.CompletedProcess[str]:
+    """Run `ngfsi` on some ranks, after some code on each of them, to which `rank` is known."""
+    code = (
+        "import os, sys, signal\nrank = int(os.environ['OMPI_COMM_WORLD_RANK'])\nsys.argv[0] = 'ngfsi'\n"
+        f"{before}\nfrom ngfsi.cli import main\nmain()"
+    )
+    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(ranks), interpreter(), "-c", code]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "NGFSI_GEOMETRY": "tests"}
+    return subprocess.run(
+        [*command, *arguments], env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def case_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("case") / "case.toml"
+    path.write_text(CASE.to_toml())
+    return path
+
+
+@pytest.fixture(scope="module")
+def serial(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run(CASE, tmp_path_factory.mktemp("serial") / "run", quiet=True).path
+
+
+def assert_same(folder: Path, wanted: Path) -> None:
+    """Every column agrees to 1e-8 of its largest value, the defect of mass of the flow, and so do counts and fields."""
+    one, other = open_run(folder), open_run(wanted)
+    assert one.status == "completed"
+    assert set(one.series) == set(other.series)
+    for column, values in other.series.items():
+        scale = FLOW if column == "mass_defect_m3_s" else np.abs(values).max()
+        np.testing.assert_allclose(one.series[column], values, rtol=0, atol=1e-8 * scale, err_msg=column)
+    for column in ("iterations", "factorisations"):
+        np.testing.assert_array_equal(one.costs[column], other.costs[column])
+    end = other.series["time_s"][-1]
+    fields, wanted_fields = one.fields(end), other.fields(end)
+    for name in wanted_fields.point_data:
+        values = wanted_fields.point_data[name]
+        np.testing.assert_allclose(fields.point_data[name], values, rtol=0, atol=1e-6 * np.abs(values).max())
+    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in wanted.iterdir())
+
+
+def test_two_ranks_give_the_results_of_one(serial: Path, case_file: Path, tmp_path: Path) -> None:
+    ended = mpirun(2, "run", str(case_file), "--output", str(tmp_path / "run"))
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stderr.count("100%") == 1  # rank 0 alone shows progress
+    assert open_run(tmp_path / "run").manifest["ranks"] == 2
+    assert_same(tmp_path / "run", serial)
+
+
+def test_stopped_on_two_ranks_and_resumed_on_three(serial: Path, case_file: Path, tmp_path: Path) -> None:
+    stop = """
+from ngfsi.errors import StoppedError
+from ngfsi.stops import Stops
+asked = iter([None, StoppedError('stopped by the test')])
+Stops.request = lambda self: next(asked)
+"""
+    ended = mpirun(2, "run", str(case_file), "--output", str(tmp_path / "run"), "--quiet", before=stop)
+    assert ended.returncode == 4, ended.stderr
+    assert len(open_run(tmp_path / "run").series["time_s"]) == 2
+    ended = mpirun(3, "resume", str(tmp_path / "run"), "--quiet")
+    assert ended.returncode == 0, ended.stderr
+    assert_same(tmp_path / "run", serial)
+
+
+FAILS = """
+from ngfsi.solve.system import System
+apply, calls = System.apply, 0
+def failing(self):
+    global calls
+    calls += 1
+    if rank == 1 and calls >= 5:
+        {how}
+    return apply(self)
+System.apply = failing
+"""
+
+
+@pytest.mark.parametrize(
+    ("how", "code", "sentence"),
+    [
+        ("self.form = None", 3, "has no attribute 'Apply' (on rank 1 of 2)"),  # in its own part of the work
+        ("raise MemoryError('all is full')", 1, "rank 1 failed, MemoryError: all is full"),  # where it was expected
+        ("os.kill(os.getpid(), signal.SIGKILL)", 137, ""),
+    ],
+)
+def test_a_failing_rank_ends_the_run(case_file: Path, tmp_path: Path, how: str, code: int, sentence: str) -> None:
+    short = case_file.with_name("short.toml")
+    short.write_text(SQUEEZED.replace(**{"time.smallest_step": SQUEEZED.time.step}).to_toml())
+    folder = tmp_path / "run"
+    ended = mpirun(2, "run", str(short), "--output", str(folder), "--quiet", before=FAILS.format(how=how))
+    assert ended.returncode == code, ended.stderr
+    said = [line for line in ended.stderr.splitlines() if line.startswith("ngfsi: ")]
+    assert len(said) == bool(sentence), ended.stderr
+    assert sentence in "".join(said)
+    assert "Traceback" not in ended.stderr
+
+
+def test_one_sentence_for_all_ranks(tmp_path: Path) -> None:
+    ended = mpirun(3, "run", str(tmp_path / "missing.toml"))
+    assert ended.returncode == 2
+    assert ended.stderr.count("ngfsi: ") == 1
+
+
+def test_commands_for_one_process() -> None:
+    two = lonely(0)
+    two.size = 2
+    with pytest.raises(CaseError, match="mpirun is for ngfsi run and resume: start 'ngfsi study' without it"):
+        cli._refuse_ranks(two, ["study", "compare_tissues"])
+    cli._refuse_ranks(two, ["resume", "runs/calf"])
+    cli._refuse_ranks(World(), ["study", "compare_tissues"])
