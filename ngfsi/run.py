@@ -136,8 +136,8 @@ def is_measurable(case: Case) -> bool:
 def _refuse_what_cannot_be_measured(case: Case) -> None:
     if not is_measurable(case):
         raise CaseError(
-            f"a {type(case.geometry).__name__} can be solved by the benchmarks only: a run measures a vein with the regions "
-            "tissue, wall and fluid, as of geometry.calf:CalfSegment or geometry.tube:TubeSegment"
+            f"a {type(case.geometry).__name__} can be solved by the benchmarks only: a run measures a vein with the "
+            "regions tissue, wall and fluid, as of geometry.calf:CalfSegment or geometry.tube:TubeSegment"
         )
 
 

@@ -94,7 +94,7 @@ def mesh(family: Family, size: float) -> MeshSettings:
 def ramp(family: Family, size: float) -> Case:
     """Return the ramp with elements of a family and size."""
     plain = case(MAIN[0], LEVELS["demo"])
-    end = plain.loads.breakpoints[-1]
+    end = max(plain.loads.breakpoints)
     return plain.replace(
         geometry=plain.geometry.replace(mesh=mesh(family, size)),
         **{"discretisation.order": family.order, "discretisation.bulk_integration": family.bulk,
@@ -114,16 +114,13 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     if reference not in results.table:
         raise NgfsiError(f"the run that all are held against failed: {results.outcomes[reference].failure}")
     errors = {key: _errors(row, results.table[reference]) for key, row in results.table.items() if key != reference}
-    lines = {
-        name: [
-            Convergence(family.title, *zip(*points, strict=True))
-            for family, sizes in chosen
-            if (points := [(results.table[key]["cpu_s"], errors[key][name])
-                           for key in (_key(family, size) for size in sizes) if key in errors])
-        ]
-        for name in TITLES
-    }  # fmt: skip
-    panels = {TITLES[name]: found for name, found in lines.items()}
+    lines: dict[str, list[Convergence]] = {name: [] for name in TITLES}
+    for family, sizes in chosen:
+        found = [key for key in (_key(family, size) for size in sizes) if key in errors]
+        for name in TITLES if found else ():
+            seconds = [results.table[key]["cpu_s"] for key in found]
+            lines[name].append(Convergence(family.title, seconds, [errors[key][name] for key in found]))
+    panels = {TITLES[name]: drawn for name, drawn in lines.items()}
     convergence(panels, folder / FIGURE, ("CPU time of a run, one thread [s]", "error [%]"),
                 {TITLES[name]: WANTED[name] for name in TITLES})  # fmt: skip
     path = folder / "report.md"
@@ -163,10 +160,10 @@ def _text(level: str, table: Mapping[str, Mapping[str, float]], errors: Mapping[
             f"# Elements for the calf, level `{level}`\n",
             answer + "\n",
             f"![errors over time]({FIGURE})\n",
-            f"M tissue under 25 mmHg in {STEPS} steps of 0.1 s, the same for all, so that they differ by their error in "
-            "space alone. Area is that at the end of the ramp, SAWSS the mean over the ramp; errors are distances from "
-            f"{reference} (no errors in its row). Sizes are multiples of those of level demo; `layers` are elements "
-            "that are thin at the wall of the lumen. CPU times are of the whole process with one thread.\n",
+            f"M tissue under 25 mmHg in {STEPS} steps of 0.1 s, the same for all, so that they differ by their error "
+            "in space alone. Area is that at the end of the ramp, SAWSS the mean over the ramp; errors are distances "
+            f"from {reference} (no errors in its row). Sizes are multiples of those of level demo; `layers` are "
+            "elements that are thin at the wall of the lumen. CPU times are of the whole process with one thread.\n",
             markdown_table(head, rows),
             f"To repeat it: `ngfsi study discretisation --level {level}`\n",
         )

@@ -81,6 +81,7 @@ class Fake:
     def solve(self, tolerance: float, max_iterations: int, ahead: float | None = None) -> Solution:
         wanted = self.system.case.solver
         assert (tolerance, max_iterations) == (wanted.tolerance, wanted.max_iterations)
+        assert ahead is not None
         if self.fails(self.time, self.system.time):
             self.system.values[:] = 1e9
             raise SolverError("told to fail")
