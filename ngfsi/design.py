@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -138,6 +138,16 @@ def indices(design: Design, results: Sequence[float], seed: int = 0) -> Indices:
         mean, width, sigma = (np.asarray(found[key], dtype=float) for key in ("mu_star", "mu_star_conf", "sigma"))
         return Indices(("mu*", "sigma"), mean, width, sigma, np.full(len(sigma), np.nan))
     raise CaseError("sensitivity indices need a design by saltelli or morris")
+
+
+def whole_trajectories(design: Design, results: Sequence[float]) -> tuple[Design, list[float]]:
+    """Return the part of a design by `morris` all of whose results are finite, and these.
+
+    One failed case costs the effects of its trajectory alone; the others are as good without it.
+    """
+    values = np.asarray(results, dtype=float).reshape(-1, len(design.factors) + 1)
+    kept = np.repeat(np.all(np.isfinite(values), axis=1), values.shape[1])
+    return replace(design, points=design.points[kept]), [float(value) for value in values.ravel()[kept]]
 
 
 def _spread(ranges: Ranges, unit: Array) -> Design:

@@ -13,8 +13,8 @@ ROOT = Path(ngfsi.__file__).parent
 ORDER = (
     "errors", "stopwatch", "units", "complaint", "section", "columns", "outline", "displacement", "curves", "builders",
     "materials", "case", "curving", "meshing", "domain", "physics", "solve", "statics", "measure", "calibrate",
-    "registration", "waveform", "rigid", "tube_law", "vein_1d", "output", "stops", "run", "design", "study",
-    "bench", "verify", "cli",
+    "registration", "waveform", "rigid", "tube_law", "vein_1d", "output", "stops", "run", "design", "surrogate",
+    "study", "bench", "verify", "cli",
 )  # fmt: skip
 
 
