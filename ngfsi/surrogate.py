@@ -99,7 +99,7 @@ class Surrogate:
                 popsize=30, tol=1e-8, maxiter=400,
             )  # fmt: skip
             chosen.append(np.asarray(found.x))
-        return low + np.array(chosen) * (high - low)
+        return np.asarray(low + np.array(chosen) * (high - low))
 
 
 def _unit(points: Array, ranges: Array) -> Array:

@@ -264,6 +264,28 @@ def lines(
     figure.savefig(path)
 
 
+MOST_PANELS = 14
+"""Inputs that fit beside each other."""
+
+
+def results_over_inputs(
+    inputs: Mapping[str, Sequence[float]], results: Mapping[str, Sequence[float]], path: Path
+) -> None:
+    """Draw every result over every input, of all cases: a row per result, a column per input."""
+    shown = dict(list(inputs.items())[:MOST_PANELS])
+    figure, axes = _figure(1.6 + 1.7 * len(shown), 1.0 + 1.8 * len(results), len(results), len(shown))
+    rows = np.reshape(axes, (len(results), len(shown)))
+    for (result, found), row in zip(results.items(), rows, strict=True):
+        for values, panel in zip(shown.values(), row, strict=True):
+            panel.plot(values, found, "o", color=COLOURS[0], markersize=2.5, alpha=0.7)
+            panel.tick_params(labelsize=7, labelleft=panel is row[0], labelbottom=False)
+        row[0].set_ylabel(result, fontsize=7)
+    for panel, name in zip(rows[-1], shown, strict=True):
+        panel.set_xlabel(name, fontsize=7)
+        panel.tick_params(labelbottom=True)
+    figure.savefig(path)
+
+
 @dataclass(frozen=True)
 class SkinPressure:
     """A pressure on the skin: mean over a cycle at points of it, and over time in each chamber, mmHg.
