@@ -5,7 +5,8 @@ Needs scikit-learn (`pip install -e '.[surrogate]'`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -48,6 +49,7 @@ class Surrogate:
         Raises:
             CaseError: fewer results are there than factors, and one.
         """
+        from sklearn.exceptions import ConvergenceWarning
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
@@ -61,7 +63,11 @@ class Surrogate:
         process = GaussianProcessRegressor(
             kernel, normalize_y=True, n_restarts_optimizer=RESTARTS, random_state=seed
         )  # fmt: skip
-        return cls(design.ranges, unit, values[there], process.fit(unit, values[there]))
+        with warnings.catch_warnings():
+            # a factor without influence has a length as large as is allowed
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            process.fit(unit, values[there])
+        return cls(design.ranges, unit, values[there], process)
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
         """Return mean and standard deviation (number,) of the result at points (number, factors)."""
@@ -78,19 +84,25 @@ class Surrogate:
         variance = 1 / np.diag(inverse)
         return self.values - scale * variance * (inverse @ process.y_train_), scale * np.sqrt(variance)
 
-    def best(self, number: int, apart: float, seed: int = 0) -> Array:
+    def best(
+        self, number: int, apart: float, place: Callable[[Array], Array] | None = None, seed: int = 0
+    ) -> Array:  # fmt: skip
         """Return points (number, factors) of the largest mean, best first, each at least `apart` from those before.
 
         Args:
-            apart: distance in units of the ranges.
+            apart: distance between places.
+            place: points (n, factors) -> where they are (n, any), for factors that matter more or less with others;
+                default: the points in units of the ranges.
         """
         low, high = self.ranges.T
+        where = place or (lambda points: _unit(points, self.ranges))
         chosen: list[Array] = []
 
         def cost(unit: Array) -> Array:  # (factors, candidates), as differential_evolution passes them
             costs = -np.asarray(self.process.predict(unit.T), dtype=float)
+            places = where(low + unit.T * (high - low))
             for point in chosen:
-                costs[np.linalg.norm(unit.T - point, axis=1) < apart] = np.inf
+                costs[np.linalg.norm(places - where(point[None]), axis=1) < apart] = np.inf
             return costs
 
         for _ in range(number):
@@ -98,8 +110,8 @@ class Surrogate:
                 cost, [(0.0, 1.0)] * len(low), rng=seed, vectorized=True, updating="deferred", polish=False,
                 popsize=30, tol=1e-8, maxiter=400,
             )  # fmt: skip
-            chosen.append(np.asarray(found.x))
-        return np.asarray(low + np.array(chosen) * (high - low))
+            chosen.append(low + np.asarray(found.x) * (high - low))
+        return np.array(chosen)
 
 
 def _unit(points: Array, ranges: Array) -> Array:

@@ -256,7 +256,7 @@ def answer(result: Result, found: Indices) -> str:
     text += f", not told apart from the {_listed([told(n) for n in level])}" if level else ""
     text += f"; then on the {_listed([told(n) for n in named])}" if named else ""
     if rest:
-        text += f"; less than {max(found.first[n] for n in rest):.2g} each on the "
+        text += f"; at most {max(found.first[n] for n in rest):.2g} each on the "
         text += _listed([FACTORS[n].title for n in rest])
     return f"{text}. Mean absolute effects over the whole range, in {result.unit}."
 

@@ -189,8 +189,16 @@ def profiles(points: Array) -> list[Profile]:
 
 
 BEST = 3
-APART = 0.35
-"""Distance of the best from each other, in units of the ranges."""
+APART = 0.3
+"""Distance of the best from each other, see `pattern`."""
+
+
+def pattern(points: Array) -> Array:
+    """Return (number, 5) in which profiles differ: the side counts as much as is on it, the lag as much as swings."""
+    gradient, one_side, side, pulse, lag = points.T
+    side, turn = np.radians(side), 2 * np.pi * lag
+    parts = (gradient, one_side * np.cos(side), one_side * np.sin(side), pulse * np.cos(turn), pulse * np.sin(turn))
+    return np.stack(parts, axis=1)
 
 
 def study(level: str, folder: Path, quiet: bool = False) -> Path:
@@ -205,7 +213,7 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     named = {f"{n:0{digits}d}": profile for n, profile in enumerate(profiles(plan.points))}
     results = _run("design", named, chosen.runs, chosen.steps, folder, quiet)
     surrogate = Surrogate.through(plan, [results.table.get(key, {}).get(RESULT, np.nan) for key in named], SEED)
-    best = {f"best {n}": p for n, p in enumerate(profiles(surrogate.best(BEST, APART, SEED)), start=1)}
+    best = {f"best {n}": p for n, p in enumerate(profiles(surrogate.best(BEST, APART, pattern, SEED)), start=1)}
     compared = {**STANDARD, **best}
     coarse = _run("compared", compared, chosen.runs, chosen.steps, folder, quiet)
     fine = _run("confirmed", compared, chosen.confirming, chosen.confirming_steps, folder, quiet)
@@ -397,7 +405,7 @@ def _text(level: str, found: Found, results: Results) -> str:
             f"{len(results.outcomes)} runs at points of Sobol's sequence in {', '.join(RANGES)}. Left out one by one, "
             f"the runs are predicted with a root mean square error of {np.sqrt(np.mean((values - said) ** 2)):.2g} Pa "
             f"(Q² = {q2:.3f}), {inside:.0%} of them within two standard deviations. The best {BEST} are its largest "
-            f"values at points at least {APART:g} of the ranges apart.\n",
+            f"values among profiles that differ by {APART:g} in gradient, side or cycle.\n",
             "![surrogate over computed](surrogate.png)\n",
             "## Errors\n",
             f"The design has {chosen.runs.mesh.axial_layers} layers of coarse elements and {chosen.steps} steps in a "
