@@ -14,6 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 
 from geometry.segment import MeshSettings
@@ -121,6 +122,10 @@ def test_a_study_runs_each_content_once_and_lists_failures(tmp_path: Path, compu
     assert "# some: 1 of 2 cases" in page
     assert "1 failed, and are computed again on request:" in page
     assert f"- bad (runs/{bad.digest[:16]}): the step at 1.5 s did not converge" in page
+    assert "2 runs took 13 s, 6 s the longest; 2 were there." in page
+    assert "![results](some.png)" in page
+    assert (tmp_path / "some.png").exists()
+    assert pyarrow.parquet.read_table(tmp_path / "some.parquet").to_pydict()["last_s"] == [1.5, None]
     run_study(study_of(bad=bad), tmp_path, retry_failed=True, quiet=True)
     assert computed[2:] == [bad.digest[:16]]
 
