@@ -9,6 +9,7 @@ A surrogate through runs on a coarse mesh finds the best, which are then compute
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from math import pi
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,7 +43,7 @@ BOUND = 12 * MMHG
 PERIOD = 2.0
 """Of a cycle (s)."""
 CYCLES = 1.5
-"""That are computed; the last one counts: what the start sets swinging is gone after a quarter."""
+"""That are computed; the last one counts: what the start sets swinging is gone after 0.8 s."""
 CHAMBERS = 3
 EDGE = 20e-3
 """Over which the pressure of a chamber falls off (m); coarse meshes must resolve it."""
@@ -158,29 +159,42 @@ class Level(NamedTuple):
 
 
 LEVELS = {
-    "demo": Level(compare_tissues.COARSE, 12, compare_tissues.LEVELS["demo"], 20, 64),
-    "paper": Level(compare_tissues.COARSE, 12, compare_tissues.LEVELS["paper"], 20, 64),
+    "demo": Level(compare_tissues.COARSE, 10, compare_tissues.LEVELS["demo"], 20, 64),
+    "paper": Level(compare_tissues.COARSE, 10, compare_tissues.LEVELS["paper"], 20, 64),
     "fine": Level(compare_tissues.LEVELS["demo"], 20, compare_tissues.LEVELS["fine"], 60, 128),
 }
 
 
-def case(profile: Profile, level: compare_tissues.Level, steps: int) -> Case:
-    """Return the calf under a profile, with so many steps in a cycle."""
+TOLERANCE = 1e-4
+"""Of Newton's method in the runs of the design, whose meshes are much more in error."""
+FINAL = 1e-6
+"""Of Newton's method in the confirming runs."""
+
+
+def case(profile: Profile, level: compare_tissues.Level, steps: int, tolerance: float = TOLERANCE) -> Case:
+    """Return the calf under a profile, with so many steps in a cycle; a profile at rest is steady and needs but one."""
     base = compare_tissues.case(compare_tissues.MAIN[0], level)
-    loads = Loads(skin_pressure=PressureConstant(value=0.0), cuffs=profile.chambers(base.geometry.length))
+    rest = profile.pulse == 0
     return base.replace(
         **{
-            "loads": loads,
-            "time.step": PERIOD / steps,
-            "time.end": CYCLES * PERIOD,
+            "loads": Loads(
+                skin_pressure=PressureConstant(value=0.0), cuffs=profile.chambers(base.geometry.length)
+            ),
+            "time.step": PERIOD if rest else PERIOD / steps,
+            "time.end": PERIOD if rest else CYCLES * PERIOD,
+            "solver.tolerance": tolerance,
             "output": Output(fields_every=0, wall_every=1000, checkpoint_every=0),
         }
-    )
+    )  # fmt: skip
 
 
 def design(level: Level) -> Design:
-    """Return the points at which the surrogate is fitted."""
-    return sobol(RANGES, level.number, SEED)
+    """Return the points at which the surrogate is fitted: one half at rest, one half in cycles."""
+    still = {name: RANGES[name] for name in ("gradient", "one_side", "side_deg")}
+    at_rest = sobol(still, level.number // 2, SEED).points
+    in_cycles = sobol(RANGES, level.number // 2, SEED)
+    points = np.vstack([np.pad(at_rest, ((0, 0), (0, 2))), in_cycles.points])
+    return replace(in_cycles, points=points)
 
 
 def profiles(points: Array) -> list[Profile]:
@@ -190,11 +204,11 @@ def profiles(points: Array) -> list[Profile]:
 
 BEST = 3
 APART = 0.3
-"""Distance of the best from each other, see `pattern`."""
+"""Distance of the patterns of the best."""
 
 
 def pattern(points: Array) -> Array:
-    """Return (number, 5) in which profiles differ: the side counts as much as is on it, the lag as much as swings."""
+    """Return (number, 5) how profiles differ: the side counts as much as is on it, the lag as much as swings."""
     gradient, one_side, side, pulse, lag = points.T
     side, turn = np.radians(side), 2 * np.pi * lag
     parts = (gradient, one_side * np.cos(side), one_side * np.sin(side), pulse * np.cos(turn), pulse * np.sin(turn))
@@ -211,12 +225,13 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     plan = design(chosen)
     digits = len(str(chosen.number))
     named = {f"{n:0{digits}d}": profile for n, profile in enumerate(profiles(plan.points))}
-    results = _run("design", named, chosen.runs, chosen.steps, folder, quiet)
-    surrogate = Surrogate.through(plan, [results.table.get(key, {}).get(RESULT, np.nan) for key in named], SEED)
-    best = {f"best {n}": p for n, p in enumerate(profiles(surrogate.best(BEST, APART, pattern, SEED)), start=1)}
+    results = _run("design", named, chosen.runs, chosen.steps, TOLERANCE, folder, quiet)
+    computed = [results.table.get(key, {}).get(RESULT, np.nan) for key in named]
+    surrogate = Surrogate.through(plan, computed, pattern, SEED)
+    best = {f"best {n}": p for n, p in enumerate(profiles(surrogate.best(BEST, APART, SEED)), start=1)}
     compared = {**STANDARD, **best}
-    coarse = _run("compared", compared, chosen.runs, chosen.steps, folder, quiet)
-    fine = _run("confirmed", compared, chosen.confirming, chosen.confirming_steps, folder, quiet)
+    coarse = _run("compared", compared, chosen.runs, chosen.steps, TOLERANCE, folder, quiet)
+    fine = _run("confirmed", compared, chosen.confirming, chosen.confirming_steps, FINAL, folder, quiet)
     if not {**coarse.table, **fine.table}:
         raise NgfsiError(f"no run to compare came to its end: see '{coarse.report}'")
     found = Found(chosen, surrogate, compared, coarse, fine)
@@ -230,9 +245,10 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
 
 
 def _run(
-    name: str, chosen: Mapping[str, Profile], level: compare_tissues.Level, steps: int, folder: Path, quiet: bool
-) -> Results:
-    cases = {key: case(profile, level, steps) for key, profile in chosen.items()}
+    name: str, chosen: Mapping[str, Profile], level: compare_tissues.Level, steps: int, tolerance: float,
+    folder: Path, quiet: bool,
+) -> Results:  # fmt: skip
+    cases = {key: case(profile, level, steps, tolerance) for key, profile in chosen.items()}
     inputs = {key: dict(zip(RANGES, profile, strict=True)) for key, profile in chosen.items()}
     return run_study(Study(name, cases, COLUMNS, inputs), folder, quiet=quiet)
 
@@ -401,8 +417,10 @@ def _text(level: str, found: Found, results: Results) -> str:
             "Where the outflow is negative the vein refills through its outlet: the condition there takes out the "
             "kinetic energy of what comes in (docs/theory.md), and lets it pass.\n",
             "## Surrogate\n",
-            f"A Gaussian process (Matern 5/2, a length for each factor) through {len(values)} of "
-            f"{len(results.outcomes)} runs at points of Sobol's sequence in {', '.join(RANGES)}. Left out one by one, "
+            f"A Gaussian process (Matern 5/2, a length for each coordinate) through {len(values)} of "
+            f"{len(results.outcomes)} runs at points of Sobol's sequences in {', '.join(RANGES)}, one half of them at "
+            "rest. Its coordinates are the gradient, the part on one side times sine and cosine of its direction, and "
+            "the part in cycles times sine and cosine of the lag. Left out one by one, "
             f"the runs are predicted with a root mean square error of {np.sqrt(np.mean((values - said) ** 2)):.2g} Pa "
             f"(Q² = {q2:.3f}), {inside:.0%} of them within two standard deviations. The best {BEST} are its largest "
             f"values among profiles that differ by {APART:g} in gradient, side or cycle.\n",

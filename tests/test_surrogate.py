@@ -22,8 +22,8 @@ def two_hills(points: np.ndarray) -> np.ndarray:
 
 def test_the_optima_of_a_known_response_are_found() -> None:
     design = sobol(RANGES, 64, seed=2)
-    surrogate = Surrogate.through(design, list(two_hills(design.points)))
-    best = surrogate.best(2, 0.5, lambda points: points[:, :2] / [10, 2])
+    surrogate = Surrogate.through(design, list(two_hills(design.points)), lambda points: points[:, :2] / [10, 2])
+    best = surrogate.best(2, apart=0.5)
     np.testing.assert_allclose(best[:, 0], [7.0, 2.5], atol=0.2)
     np.testing.assert_allclose(best[:, 1], [0.5, -0.4], atol=0.06)
     mean, deviation = surrogate(best)
@@ -49,10 +49,25 @@ def test_prediction_of_a_point_left_out_is_that_of_a_fit_without_it() -> None:
     for out in (0, 7, 15):
         kept = np.arange(16) != out
         other = clone(process).set_params(kernel=process.kernel_, optimizer=None, normalize_y=False)
-        other.fit(surrogate.points[kept], (values[kept] - center) / scale)
-        mean, spread = other.predict(surrogate.points[out : out + 1], return_std=True)
+        other.fit(surrogate.places[kept], (values[kept] - center) / scale)
+        mean, spread = other.predict(surrogate.places[out : out + 1], return_std=True)
         assert said[out] == pytest.approx(center + scale * mean[0], rel=1e-6)
         assert deviation[out] == pytest.approx(scale * spread[0], rel=1e-5)
+
+
+def test_an_angle_means_nothing_without_its_radius() -> None:
+    """In polar coordinates points of radius zero are one; computed at one angle, they are known at all."""
+    design = sobol({"radius": (0.0, 1.0), "angle": (0.0, 6.0)}, 16, seed=3)
+    design.points[:4, 0] = 0.0
+
+    def place(points: np.ndarray) -> np.ndarray:
+        radius, angle = points.T
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+    values = place(design.points) @ [1.0, 2.0] + 3
+    mean, deviation = Surrogate.through(design, list(values), place)(np.array([[0.0, 0.1], [0.0, 5.3]]))
+    np.testing.assert_allclose(mean, 3.0, rtol=1e-3)
+    assert deviation[0] == deviation[1]
 
 
 def test_failed_runs_are_left_out_and_too_few_are_refused() -> None:
@@ -60,7 +75,7 @@ def test_failed_runs_are_left_out_and_too_few_are_refused() -> None:
     values = two_hills(design.points)
     values[[3, 9]] = np.nan
     surrogate = Surrogate.through(design, list(values))
-    assert len(surrogate.values) == len(surrogate.points) == 30
+    assert len(surrogate.values) == len(surrogate.places) == 30
     values[3:] = np.nan
-    with pytest.raises(CaseError, match="a surrogate of 3 factors needs more than 3 finite results"):
+    with pytest.raises(CaseError, match="a surrogate over 3 coordinates needs more than 3 finite results"):
         Surrogate.through(design, list(values))
