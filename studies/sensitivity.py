@@ -7,7 +7,7 @@ run with Mooney-Rivlin tissue, each over the range in which it is known.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ngfsi.case import Case
-from ngfsi.design import Design, Indices, indices, morris, whole_trajectories
+from ngfsi.design import STEP, Design, Indices, indices, morris, whole_trajectories
 from ngfsi.errors import NgfsiError
 from ngfsi.output.disk import replace_file
 from ngfsi.output.figures import Effects, elementary_effects
@@ -191,7 +191,17 @@ def _indices(design: Design, results: Results, name: str) -> Indices:
     if len(kept.points) < 2 * (len(design.factors) + 1):
         failures = {outcome.failure for outcome in results.outcomes.values() if outcome.failure}
         raise NgfsiError(f"fewer than two trajectories came to their end: {'; '.join(sorted(failures))}")
-    return indices(kept, finite, SEED)
+    return _of_choices(indices(kept, finite, SEED))
+
+
+def _of_choices(found: Indices) -> Indices:
+    """Return the effects with those of choices as the difference that the choice makes.
+
+    A step of part of the range changes a choice altogether, so that there is nothing to extrapolate to the whole range.
+    """
+    share = np.array([STEP if factor.options else 1.0 for factor in FACTORS])
+    names = ("first", "first_half_width", "second", "second_half_width")
+    return replace(found, **{name: share * getattr(found, name) for name in names})
 
 
 class Error(NamedTuple):
@@ -275,10 +285,10 @@ def _text(
             *(f"- {answer(RESULTS[name], i)}" for name, i in found.items()),
             f"\n{len(results.table)} of {len(results.outcomes)} runs, {number} trajectories through {len(FACTORS)} "
             "factors (Morris 1991): a step along one factor changes the result by an elementary effect; mu* is the "
-            "mean of its absolute value, for a step over the whole range, with the 95 % confidence of a bootstrap over "
-            "the trajectories; sigma is its standard deviation: a factor whose sigma is near its mu* acts "
-            "nonlinearly or through others. Results are those at the end of the ramp to 25 mmHg within 1 s, loss and "
-            f"rise against t = 0; SAWSS is the mean of the last {SWING:g} s.\n",
+            "mean of its absolute value, for a step over the whole range or from one choice to the other, with the "
+            "95 % confidence of a bootstrap over the trajectories; sigma is its standard deviation: a factor whose "
+            "sigma is near its mu* acts nonlinearly or through others. Results are those at the end of the ramp to "
+            f"25 mmHg within 1 s, loss and rise against t = 0; SAWSS is the mean of the last {SWING:g} s.\n",
             "![mu* with confidence, and sigma over mu*](effects.png)\n",
             _table(found),
             "## Ranges\n",

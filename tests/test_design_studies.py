@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Mapping
 from math import isclose, pi
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +14,7 @@ import pytest
 
 from ngfsi.design import Indices, morris
 from ngfsi.domain import Domain
-from ngfsi.study import Outcome, Results
+from ngfsi.study import Outcome, Results, Study
 from studies import compare_tissues, sensitivity, stocking_design
 from studies.stocking_design import BOUND, PERIOD, RANGES, STANDARD, Profile
 
@@ -82,6 +84,29 @@ def test_the_answer_tells_apart_what_can_be_told_apart() -> None:
     assert "at most 0.3 each on the lateral position of the vein," in text
 
 
+def test_the_report_says_what_matters_most(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def response(point: Mapping[str, float]) -> dict[str, float]:
+        bulk, ends = point.get("tissue_K_kPa", 28.0), point.get("ends_1", 0.0) > 0.5
+        loss = 30 - 0.5 * bulk - 2 * ends
+        return {"area_loss_percent": loss, "sawss_Pa": 0.1 * point.get("flow_ml_s", 3.0), "sawss_rise_percent": loss}
+
+    def computed(study: Study, folder: Path, quiet: bool) -> Results:  # noqa: ARG001
+        table = {key: response(study.inputs.get(key, {})) for key in study.cases}
+        return Results({key: Outcome(None) for key in study.cases}, table, folder / f"{study.name}.md")
+
+    monkeypatch.setattr(sensitivity, "run_study", computed)
+    text = sensitivity.study("demo", tmp_path, quiet=True).read_text()
+    assert "**The loss of area** hangs most on the bulk modulus of the tissue (6.36 ± " in text  # 0.5 (35.41 - 22.69)
+    assert "; then on the ends of the segment (2 ± 0)" in text
+    assert "**The SAWSS** hangs most on the inflow Q (0.2 ± " in text
+    assert "72 of 72 runs, 6 trajectories" in text
+    rows = list(csv.DictReader((tmp_path / "effects.csv").open()))
+    assert len(rows) == 3 * 11
+    bulk = next(row for row in rows if row["factor"] == "tissue_K_kPa")
+    assert float(bulk["mu_star"]) == pytest.approx(6.36)
+    assert (tmp_path / "effects.png").exists()
+
+
 # ---------------------------------------------------------------- stockings
 
 CORNERS = {
@@ -145,3 +170,37 @@ def test_the_last_cycle_counts_and_its_worst_section() -> None:
     assert stocking_design.COLUMNS["mean_tawss_Pa"](run) == pytest.approx(0.15, rel=1e-6)
     assert stocking_design.COLUMNS["least_wss_Pa"](run) == pytest.approx(0.05, rel=1e-6)
     assert stocking_design.COLUMNS["least_outflow_m3_s"](run) == pytest.approx(-1e-6, rel=1e-6)
+
+
+def test_the_best_of_a_known_response_is_found_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Best where the distal pressure is lowest, half of the pressure in cycles with a lag of 0.15, all around."""
+
+    def response(gradient: float, one_side: float, side_deg: float, pulse: float, lag: float) -> float:  # noqa: ARG001
+        here = pulse * np.exp(2j * np.pi * lag)
+        return float(0.1 - 0.02 * gradient - 0.03 * one_side**2 - 0.05 * abs(here - 0.5 * np.exp(0.3j * np.pi)) ** 2)
+
+    def run_of(point: Mapping[str, float]) -> Any:
+        run = fake(np.linspace(0, 1.5 * PERIOD, 31), np.full((31, 11), response(**point)))
+        run.case = BASE
+        return run
+
+    def computed(study: Study, folder: Path, quiet: bool) -> Results:  # noqa: ARG001
+        values = {key: {name: 0.0 for name in study.columns} | {stocking_design.RESULT: response(**point)}
+                  for key, point in study.inputs.items()}  # fmt: skip
+        outcomes = {key: Outcome(run_of(point)) for key, point in study.inputs.items()}
+        return Results(outcomes, values, folder / f"{study.name}.md")
+
+    monkeypatch.setattr(stocking_design, "run_study", computed)
+    text = stocking_design.study("demo", tmp_path, quiet=True).read_text()
+    rows = {row["profile"]: row for row in csv.DictReader((tmp_path / "ranking.csv").open())}
+    best = {name: float(rows["best 1"][name]) for name in ("gradient", "one_side", "pulse", "lag")}
+    assert best["gradient"] == pytest.approx(-0.3, abs=0.01)
+    assert best["one_side"] == pytest.approx(0, abs=0.1)
+    assert best["pulse"] == pytest.approx(0.5, abs=0.05)
+    assert best["lag"] == pytest.approx(0.15, abs=0.02)
+    assert float(rows["best 1"][stocking_design.RESULT]) == pytest.approx(0.106, rel=0.01)
+    assert "**best 1**" in text
+    assert "+21 % against 0.0875 Pa of a uniform pressure" in text  # 0.106 / (0.1 - 0.05 / 4)
+    assert {path.name for path in tmp_path.glob("*.png")} == {
+        "along.png", "outflow.png", "profiles.png", "ranking.png", "surrogate.png"
+    }  # fmt: skip

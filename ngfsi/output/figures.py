@@ -334,6 +334,10 @@ class Effects:
     deviation: Array
 
 
+NAMED = 0.15
+"""Effects above this share of the largest have their names beside them."""
+
+
 def elementary_effects(panels: Mapping[str, Effects], path: Path) -> None:
     """Draw mu* as bars with confidence, and sigma over mu*, a row per result; titles carry the units."""
     figure, axes = _figure(11.0, 3.9 * len(panels), len(panels), 2)
@@ -347,9 +351,10 @@ def elementary_effects(panels: Mapping[str, Effects], path: Path) -> None:
         plane.errorbar(effects.mean, effects.deviation, xerr=effects.half_width, fmt="o", color=COLOURS[1],
                        markersize=4, capsize=2, linewidth=0.8)  # fmt: skip
         plane.plot([0, top], [0, top], color=QUIET, linestyle="--", linewidth=1, label="sigma = mu*")
-        for n in order[-5:]:
-            plane.annotate(effects.factors[n], (effects.mean[n], effects.deviation[n]), (4, 4), fontsize=7,
-                           textcoords="offset points")  # fmt: skip
+        for n in order[effects.mean[order] > NAMED * effects.mean.max()]:
+            right = effects.mean[n] > top / 2
+            plane.annotate(effects.factors[n], (effects.mean[n], effects.deviation[n]), (-4 if right else 4, 4),
+                           fontsize=7, textcoords="offset points", ha="right" if right else "left")  # fmt: skip
         plane.set(xlabel="mu*", ylabel="sigma", xlim=(0, top), ylim=(0, top))
         plane.set_title(title, fontsize=10)
         plane.legend(fontsize=8, frameon=False, loc="upper left")
