@@ -83,7 +83,7 @@ class Surrogate:
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
         """Return mean and standard deviation (number,) of the result at points (number, factors)."""
-        mean, deviation = self.process.predict(self.place(points), return_std=True)
+        mean, deviation = self.process.predict(self.place(np.asarray(points)), return_std=True)
         return np.asarray(mean), np.asarray(deviation)
 
     def left_out(self) -> tuple[Array, Array]:

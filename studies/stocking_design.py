@@ -399,8 +399,8 @@ def _text(level: str, found: Found, results: Results) -> str:
             f"# Pressure profiles of a stocking, level `{level}`\n",
             _answer(found) + "\n",
             _table(found),
-            f"Mean pressure over skin and cycle: {from_si(BOUND, 'mmHg'):g} mmHg in all of them, since more pressure "
-            "always gives more shear. TAWSS is the wall shear stress averaged around one of "
+            f"Mean pressure over skin and cycle: {from_si(BOUND, 'mmHg'):g} mmHg in all of them: what is bounded is "
+            "used up. TAWSS is the wall shear stress averaged around one of "
             f"{STATIONS} sections of the vein and over a cycle of {PERIOD:g} s (the last of {CYCLES}); the least of "
             "them is what is to be large. `least at any time` is the least without the average over time: it ranks "
             "differently, for pulses stop the flow for a moment. Loss: the largest of any section and time against "

@@ -320,7 +320,7 @@ def skin_pressures(panels: Mapping[str, SkinPressure], path: Path) -> None:
     above[0].set_ylabel("height [mm]")
     below[0].set_ylabel("pressure [mmHg]")
     below[0].legend(fontsize=8, frameon=False)
-    figure.colorbar(shown, ax=list(above), label="mean pressure [mmHg]", shrink=0.9)
+    figure.colorbar(shown, ax=list(np.ravel(axes)), label="mean pressure [mmHg]", shrink=0.6)
     figure.savefig(path)
 
 
