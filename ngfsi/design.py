@@ -43,17 +43,21 @@ class Design:
     kind: Kind
     ranges: Array
 
+    def values(self) -> dict[str, dict[str, float]]:
+        """Return the value of each factor, by the number of the point."""
+        digits = len(str(len(self.points)))
+        return {
+            f"{number:0{digits}d}": dict(zip(self.factors, map(float, point), strict=True))
+            for number, point in enumerate(self.points)
+        }
+
     def cases(self, base: Case) -> dict[str, Case]:
         """Return the case of each point by its number.
 
         Raises:
             CaseError: a key is unknown or a value is refused (or the error class of the section concerned).
         """
-        digits = len(str(len(self.points)))
-        return {
-            f"{number:0{digits}d}": base.replace(**dict(zip(self.factors, map(float, point), strict=True)))
-            for number, point in enumerate(self.points)
-        }
+        return {key: base.replace(**values) for key, values in self.values().items()}
 
 
 def grid(values: Mapping[str, Sequence[float]]) -> Design:

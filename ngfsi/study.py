@@ -21,9 +21,8 @@ from pathlib import Path
 import ngfsi
 from ngfsi.case import Case
 from ngfsi.design import Design
-from ngfsi.errors import Interrupted, NgfsiError, OutputError
+from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError
 from ngfsi.output.disk import explained, replace_file
-from ngfsi.output.figures import results_over_inputs
 from ngfsi.output.folder import CASE, CHECKPOINTS, STOP
 from ngfsi.output.progress import Watch
 from ngfsi.output.stored import StoredRun, open_run
@@ -105,9 +104,7 @@ class Study:
     @classmethod
     def of(cls, name: str, design: Design, base: Case, columns: Mapping[str, Callable[[StoredRun], float]]) -> Study:
         """Return the study of a design around a case."""
-        cases = design.cases(base)
-        values = [dict(zip(design.factors, map(float, point), strict=True)) for point in design.points]
-        return cls(name, cases, columns, dict(zip(cases, values, strict=True)))
+        return cls(name, design.cases(base), columns, design.values())
 
 
 @dataclass(frozen=True)
@@ -141,8 +138,11 @@ def run_study(
         retry_failed: whether cases that failed before are computed again.
 
     Raises:
+        CaseError: the study has no cases.
         OutputError: the folder cannot be written.
     """
+    if not study.cases:
+        raise CaseError(f"the study '{study.name}' has no cases: there is nothing to run")
     digests = {key: case.digest[:HASH] for key, case in study.cases.items()}
     distinct = {digests[key]: case for key, case in study.cases.items()}
     found = run_cases(
@@ -174,6 +174,8 @@ def _report(
         files.append(f"[{study.name}.parquet]({study.name}.parquet)")
     page = [f"# {study.name}: {len(table)} of {len(rows)} cases", "", *_costs(outcomes), ""]
     if table:
+        from ngfsi.output.figures import results_over_inputs  # Matplotlib, which the child processes do without
+
         over = {name: [study.inputs[key][name] for key in table] for name in inputs}
         found = {name: [table[key][name] for key in table] for name in study.columns}
         results_over_inputs(over or {"number of the case": range(len(table))}, found, folder / f"{study.name}.png")

@@ -151,15 +151,6 @@ def varied(base: Case, point: Mapping[str, float]) -> Case:
     return base.replace(**changes)
 
 
-def points(design: Design) -> dict[str, dict[str, float]]:
-    """Return the values of the factors at each point, by the key of its case."""
-    digits = len(str(len(design.points)))
-    return {
-        f"{number:0{digits}d}": dict(zip(design.factors, map(float, values), strict=True))
-        for number, values in enumerate(design.points)
-    }
-
-
 def study(level: str, folder: Path, quiet: bool = False) -> Path:
     """Compute the effects at a level into a folder and return the path of the report.
 
@@ -168,7 +159,7 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     """
     chosen = LEVELS[level]
     design = morris({factor.name: (factor.low, factor.high) for factor in FACTORS}, chosen.trajectories, SEED)
-    inputs = points(design)
+    inputs = design.values()
     base = base_case(chosen.runs)
     cases = {key: varied(base, point) for key, point in inputs.items()}
     columns = {name: result.of for name, result in RESULTS.items()}

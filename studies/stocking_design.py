@@ -197,11 +197,6 @@ def design(level: Level) -> Design:
     return replace(in_cycles, points=points)
 
 
-def profiles(points: Array) -> list[Profile]:
-    """Return the profiles at points (number, factors)."""
-    return [Profile(*map(float, point)) for point in points]
-
-
 BEST = 3
 APART = 0.3
 """Distance of the patterns of the best."""
@@ -223,12 +218,11 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     """
     chosen = LEVELS[level]
     plan = design(chosen)
-    digits = len(str(chosen.number))
-    named = {f"{n:0{digits}d}": profile for n, profile in enumerate(profiles(plan.points))}
+    named = {key: Profile(**values) for key, values in plan.values().items()}
     results = _run("design", named, chosen.runs, chosen.steps, TOLERANCE, folder, quiet)
     computed = [results.table.get(key, {}).get(RESULT, np.nan) for key in named]
     surrogate = Surrogate.through(plan, computed, pattern, SEED)
-    best = {f"best {n}": p for n, p in enumerate(profiles(surrogate.best(BEST, APART, SEED)), start=1)}
+    best = {f"best {n}": Profile(*map(float, p)) for n, p in enumerate(surrogate.best(BEST, APART, SEED), start=1)}
     compared = {**STANDARD, **best}
     coarse = _run("compared", compared, chosen.runs, chosen.steps, TOLERANCE, folder, quiet)
     fine = _run("confirmed", compared, chosen.confirming, chosen.confirming_steps, FINAL, folder, quiet)

@@ -271,7 +271,7 @@ MOST_PANELS = 14
 def results_over_inputs(
     inputs: Mapping[str, Sequence[float]], results: Mapping[str, Sequence[float]], path: Path
 ) -> None:
-    """Draw every result over every input, of all cases: a row per result, a column per input."""
+    """Draw every result over every input, of all cases: a row per result, a column for each of the first inputs."""
     shown = dict(list(inputs.items())[:MOST_PANELS])
     figure, axes = _figure(1.6 + 1.7 * len(shown), 1.0 + 1.8 * len(results), len(results), len(shown))
     rows = np.reshape(axes, (len(results), len(shown)))
