@@ -130,7 +130,7 @@ class Level(NamedTuple):
 
 
 LEVELS = {
-    "demo": Level(compare_tissues.COARSE, compare_tissues.LEVELS["demo"], 6),
+    "demo": Level(compare_tissues.COARSE, compare_tissues.LEVELS["demo"], 10),
     "paper": Level(compare_tissues.LEVELS["demo"], compare_tissues.LEVELS["paper"]._replace(end=1.0), 20),
     "fine": Level(compare_tissues.LEVELS["paper"]._replace(end=1.0), compare_tissues.LEVELS["fine"], 40),
 }

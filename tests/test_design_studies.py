@@ -100,7 +100,7 @@ def test_the_report_says_what_matters_most(tmp_path: Path, monkeypatch: pytest.M
     assert "**The loss of area** hangs most on the bulk modulus of the tissue (6.36 ± " in text  # 0.5 (35.41 - 22.69)
     assert "; then on the ends of the segment (2 ± 0)" in text
     assert "**The SAWSS** hangs most on the inflow Q (0.2 ± " in text
-    assert "72 of 72 runs, 6 trajectories" in text
+    assert "120 of 120 runs, 10 trajectories" in text
     rows = list(csv.DictReader((tmp_path / "effects.csv").open()))
     assert len(rows) == 3 * 11
     bulk = next(row for row in rows if row["factor"] == "tissue_K_kPa")
