@@ -214,7 +214,8 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     """Compute the design, find the best profiles, compute them, and return the path of the report.
 
     Raises:
-        NgfsiError: too few runs came to their end.
+        CaseError: too few runs of the design came to their end.
+        NgfsiError: none of the confirming runs did.
     """
     chosen = LEVELS[level]
     plan = design(chosen)
@@ -226,8 +227,8 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     compared = {**STANDARD, **best}
     coarse = _run("compared", compared, chosen.runs, chosen.steps, TOLERANCE, folder, quiet)
     fine = _run("confirmed", compared, chosen.confirming, chosen.confirming_steps, FINAL, folder, quiet)
-    if not {**coarse.table, **fine.table}:
-        raise NgfsiError(f"no run to compare came to its end: see '{coarse.report}'")
+    if not fine.table:
+        raise NgfsiError(f"no confirming run came to its end: '{fine.report}' says why")
     found = Found(chosen, surrogate, compared, coarse, fine)
     _draw(found, folder)
     write_rows(folder / "ranking.csv", found.rows())
