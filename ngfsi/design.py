@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -23,6 +23,8 @@ Kind = Literal["points", "saltelli", "morris"]
 
 LEVELS = 4
 """Values that a factor takes in Morris's method."""
+STEP = LEVELS / (2 * (LEVELS - 1))
+"""By which it changes there, as a share of its range, so that each value is as likely as the others."""
 
 
 @dataclass(frozen=True)
@@ -41,17 +43,21 @@ class Design:
     kind: Kind
     ranges: Array
 
+    def values(self) -> dict[str, dict[str, float]]:
+        """Return the value of each factor, by the number of the point."""
+        digits = len(str(len(self.points)))
+        return {
+            f"{number:0{digits}d}": dict(zip(self.factors, map(float, point), strict=True))
+            for number, point in enumerate(self.points)
+        }
+
     def cases(self, base: Case) -> dict[str, Case]:
         """Return the case of each point by its number.
 
         Raises:
             CaseError: a key is unknown or a value is refused (or the error class of the section concerned).
         """
-        digits = len(str(len(self.points)))
-        return {
-            f"{number:0{digits}d}": base.replace(**dict(zip(self.factors, map(float, point), strict=True)))
-            for number, point in enumerate(self.points)
-        }
+        return {key: base.replace(**values) for key, values in self.values().items()}
 
 
 def grid(values: Mapping[str, Sequence[float]]) -> Design:
@@ -138,6 +144,16 @@ def indices(design: Design, results: Sequence[float], seed: int = 0) -> Indices:
         mean, width, sigma = (np.asarray(found[key], dtype=float) for key in ("mu_star", "mu_star_conf", "sigma"))
         return Indices(("mu*", "sigma"), mean, width, sigma, np.full(len(sigma), np.nan))
     raise CaseError("sensitivity indices need a design by saltelli or morris")
+
+
+def whole_trajectories(design: Design, results: Sequence[float]) -> tuple[Design, list[float]]:
+    """Return the part of a design by `morris` all of whose results are finite, and these.
+
+    One failed case costs the effects of its trajectory alone; the others are as good without it.
+    """
+    values = np.asarray(results, dtype=float).reshape(-1, len(design.factors) + 1)
+    kept = np.repeat(np.all(np.isfinite(values), axis=1), values.shape[1])
+    return replace(design, points=design.points[kept]), [float(value) for value in values.ravel()[kept]]
 
 
 def _spread(ranges: Ranges, unit: Array) -> Design:

@@ -21,11 +21,12 @@ from pathlib import Path
 import ngfsi
 from ngfsi.case import Case
 from ngfsi.design import Design
-from ngfsi.errors import Interrupted, NgfsiError, OutputError
+from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError
 from ngfsi.output.disk import explained, replace_file
 from ngfsi.output.folder import CASE, CHECKPOINTS, STOP
 from ngfsi.output.progress import Watch
 from ngfsi.output.stored import StoredRun, open_run
+from ngfsi.output.table import write_parquet, write_rows
 from ngfsi.run import resume, run
 
 PATIENCE = (30.0, 30.0)
@@ -103,9 +104,7 @@ class Study:
     @classmethod
     def of(cls, name: str, design: Design, base: Case, columns: Mapping[str, Callable[[StoredRun], float]]) -> Study:
         """Return the study of a design around a case."""
-        cases = design.cases(base)
-        values = [dict(zip(design.factors, map(float, point), strict=True)) for point in design.points]
-        return cls(name, cases, columns, dict(zip(cases, values, strict=True)))
+        return cls(name, design.cases(base), columns, design.values())
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,7 @@ class Results:
     Attributes:
         outcomes: by key.
         table: by key the numbers of the finished runs, by column.
-        report: the page with table and failures.
+        report: the page with figure, table and failures.
     """
 
     outcomes: Mapping[str, Outcome]
@@ -126,7 +125,10 @@ class Results:
 def run_study(
     study: Study, folder: Path, executor: Executor | None = None, *, retry_failed: bool = False, quiet: bool = False
 ) -> Results:
-    """Run a study's cases, with one thread each, and write one table (CSV) and one report of all.
+    """Run a study's cases, with one thread each, and write one table and one report of all.
+
+    The table is `<name>.csv`, and `<name>.parquet` where pyarrow is installed; the report, `<name>.md`, shows it with a
+    figure of every result over every input and with the failures.
 
     Runs lie in `folder/runs` by the hash of their content: what is finished is never run again, whatever its key, and
     what was stopped or killed goes on.
@@ -136,8 +138,11 @@ def run_study(
         retry_failed: whether cases that failed before are computed again.
 
     Raises:
+        CaseError: the study has no cases.
         OutputError: the folder cannot be written.
     """
+    if not study.cases:
+        raise CaseError(f"the study '{study.name}' has no cases: there is nothing to run")
     digests = {key: case.digest[:HASH] for key, case in study.cases.items()}
     distinct = {digests[key]: case for key, case in study.cases.items()}
     found = run_cases(
@@ -156,31 +161,44 @@ def _report(
     study: Study, folder: Path, outcomes: Mapping[str, Outcome], digests: Mapping[str, str],
     table: Mapping[str, Mapping[str, float]],
 ) -> Path:  # fmt: skip
-    """Write table and page, and return the page's path."""
+    """Write table, figure and page, and return the page's path."""
     inputs = list(next(iter(study.inputs.values()), ()))
-    head = ["case", *inputs, *study.columns, "run"]
-    rows = [
-        [key, *(repr(study.inputs[key][name]) for name in inputs),
-         *(repr(table[key][name]) if key in table else "" for name in study.columns), digests[key]]
+    rows: list[dict[str, float | str]] = [
+        {"case": key, **{name: study.inputs[key][name] for name in inputs},
+         **{name: table[key][name] if key in table else "" for name in study.columns}, "run": digests[key]}
         for key in study.cases
     ]  # fmt: skip
-    text = "".join(",".join(_quoted(cell) for cell in row) + "\n" for row in [head, *rows])
-    replace_file(folder / f"{study.name}.csv", text.encode())
+    write_rows(folder / f"{study.name}.csv", rows)
+    files = [f"[{study.name}.csv]({study.name}.csv)"]
+    if write_parquet(folder / f"{study.name}.parquet", rows):
+        files.append(f"[{study.name}.parquet]({study.name}.parquet)")
+    page = [f"# {study.name}: {len(table)} of {len(rows)} cases", "", *_costs(outcomes), ""]
+    if table:
+        from ngfsi.output.figures import results_over_inputs  # Matplotlib, which the child processes do without
+
+        over = {name: [study.inputs[key][name] for key in table] for name in inputs}
+        found = {name: [table[key][name] for key in table] for name in study.columns}
+        results_over_inputs(over or {"number of the case": range(len(table))}, found, folder / f"{study.name}.png")
+        page += [f"![results]({study.name}.png)", ""]
+    shown = [[f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows]
+    page += [markdown_table(list(rows[0]), shown), f"The numbers in full: {', '.join(files)}."]
     failures = [
         f"- {key} (runs/{digests[key]}): {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure
     ]
-    failed = ["", f"{len(failures)} failed, and are computed again on request:", "", *failures] if failures else []
-    shown = [
-        [f"{float(cell):.6g}" if cell and 0 < i < len(head) - 1 else cell for i, cell in enumerate(r)] for r in rows
-    ]
-    page = [f"# {study.name}: {len(table)} of {len(rows)} cases", "", markdown_table(head, shown), *failed]
+    page += ["", f"{len(failures)} failed, and are computed again on request:", "", *failures] if failures else []
     target = folder / f"{study.name}.md"
     replace_file(target, ("\n".join(page) + "\n").encode())
     return target
 
 
-def _quoted(cell: str) -> str:
-    return '"' + cell.replace('"', '""') + '"' if set(cell) & set(',"\n') else cell
+def _costs(outcomes: Mapping[str, Outcome]) -> list[str]:
+    """Return what the runs cost, in a sentence."""
+    manifests = {outcome.run.path: outcome.run.manifest for outcome in outcomes.values() if outcome.run}
+    seconds = [sum(manifest.get("seconds", {}).values()) for manifest in manifests.values()]
+    if not any(seconds):
+        return []
+    reused = sum(outcome.reused for outcome in outcomes.values())
+    return [f"{len(manifests)} runs took {sum(seconds):.0f} s, {max(seconds):.0f} s the longest; {reused} were there."]
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

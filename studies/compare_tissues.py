@@ -75,6 +75,10 @@ LEVELS = {
 }
 
 
+COARSE = Level(_mesh(40e-3, 4.4e-3, 3, (0.7,)), 2, 0.2, 1.0, MAIN[:1])
+"""For studies of hundreds of runs, which measure its error themselves."""
+
+
 def case(key: str, level: Level) -> Case:
     """Return the case of a variant."""
     variant = VARIANTS[key]

@@ -14,7 +14,7 @@ ORDER = (
     "errors", "world", "stopwatch", "units", "complaint", "section", "columns", "outline", "displacement", "curves",
     "builders", "materials", "case", "curving", "meshing", "domain", "physics", "solve", "statics", "measure",
     "calibrate", "registration", "waveform", "rigid", "tube_law", "vein_1d", "output", "stops", "run", "design",
-    "study", "bench", "verify", "cli",
+    "surrogate", "study", "bench", "verify", "cli",
 )  # fmt: skip
 
 

@@ -14,12 +14,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 
 from geometry.segment import MeshSettings
 from ngfsi import study
 from ngfsi.case import Case
-from ngfsi.errors import NgfsiError, StoppedError
+from ngfsi.errors import CaseError, NgfsiError, StoppedError
 from ngfsi.output import RunFolder, open_run
 from ngfsi.run import run as compute
 from ngfsi.study import Outcome, Study, markdown_table, run_cases, run_study
@@ -121,8 +122,17 @@ def test_a_study_runs_each_content_once_and_lists_failures(tmp_path: Path, compu
     assert "# some: 1 of 2 cases" in page
     assert "1 failed, and are computed again on request:" in page
     assert f"- bad (runs/{bad.digest[:16]}): the step at 1.5 s did not converge" in page
+    assert "2 runs took 13 s, 6 s the longest; 2 were there." in page
+    assert "![results](some.png)" in page
+    assert (tmp_path / "some.png").exists()
+    assert pyarrow.parquet.read_table(tmp_path / "some.parquet").to_pydict()["last_s"] == [1.5, None]
     run_study(study_of(bad=bad), tmp_path, retry_failed=True, quiet=True)
     assert computed[2:] == [bad.digest[:16]]
+
+
+def test_a_study_without_cases_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="the study 'some' has no cases"):
+        run_study(study_of(), tmp_path, quiet=True)
 
 
 def test_a_study_with_an_executor_goes_on_where_it_was_killed(tmp_path: Path) -> None:

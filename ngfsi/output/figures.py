@@ -257,8 +257,10 @@ class Line:
     spread: Sequence[float] | Array | None = None
 
 
-def lines(panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: Path) -> None:
-    """Draw values over others, a panel per title; labels of both axes carry the units."""
+def lines(
+    panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: Path, *, ticks: Sequence[str] = ()
+) -> None:
+    """Draw values over others, a panel per title; labels of both axes carry the units; ticks: names of 0, 1, ..."""
     figure, spaces, columns = _panels(len(panels), 2, (5.2, 4.0), (0.0, 0.0))
     for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
         for colour, line in zip(COLOURS, drawn, strict=False):
@@ -268,7 +270,106 @@ def lines(panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: P
         panel.set_xlabel(labels[0])
         if number % columns == 0:
             panel.set_ylabel(labels[1])
+        if ticks:
+            panel.set_xticks(range(len(ticks)), ticks, rotation=25, ha="right")
         panel.legend(fontsize=8, frameon=False)
+    figure.savefig(path)
+
+
+MOST_PANELS = 14
+"""Inputs that fit beside each other."""
+
+
+def results_over_inputs(
+    inputs: Mapping[str, Sequence[float]], results: Mapping[str, Sequence[float]], path: Path
+) -> None:
+    """Draw every result over every input, of all cases: a row per result, a column for each of the first inputs."""
+    shown = dict(list(inputs.items())[:MOST_PANELS])
+    figure, axes = _figure(1.6 + 1.7 * len(shown), 1.0 + 1.8 * len(results), len(results), len(shown))
+    rows = np.reshape(axes, (len(results), len(shown)))
+    for (result, found), row in zip(results.items(), rows, strict=True):
+        for values, panel in zip(shown.values(), row, strict=True):
+            panel.plot(values, found, "o", color=COLOURS[0], markersize=2.5, alpha=0.7)
+            panel.tick_params(labelsize=7, labelleft=panel is row[0], labelbottom=False)
+        row[0].set_ylabel(result, fontsize=7)
+    for panel, name in zip(rows[-1], shown, strict=True):
+        panel.set_xlabel(name, fontsize=7)
+        panel.tick_params(labelbottom=True)
+    figure.savefig(path)
+
+
+@dataclass(frozen=True)
+class SkinPressure:
+    """A pressure on the skin: mean over a cycle at points of it, and over time in each chamber, mmHg.
+
+    Attributes:
+        angles, heights, mean: of the points: around the axis [degrees], mm, mmHg.
+        times: s
+        chambers: name -> (times,) mmHg.
+    """
+
+    angles: Array
+    heights: Array
+    mean: Array
+    times: Array
+    chambers: Mapping[str, Array]
+
+
+def skin_pressures(panels: Mapping[str, SkinPressure], path: Path) -> None:
+    """Draw pressures on the unrolled skin, and below them over time, a column per title, on one scale each."""
+    figure, axes = _figure(2.5 * len(panels) + 0.8, 5.2, 2, len(panels))
+    above, below = np.reshape(axes, (2, -1))
+    most = max(np.max(drawn.mean) for drawn in panels.values())
+    highest = max(np.max(values) for drawn in panels.values() for values in drawn.chambers.values())
+    for (title, drawn), skin, time in zip(panels.items(), above, below, strict=True):
+        shown = skin.tricontourf(drawn.angles, drawn.heights, drawn.mean, levels=np.linspace(0, most, 13),
+                                 cmap="cividis", extend="both")  # fmt: skip
+        skin.set_title(title, fontsize=10)
+        skin.set(xlabel="angle [°]", xticks=(-180, -90, 0, 90, 180))
+        for colour, (name, values) in zip(COLOURS, drawn.chambers.items(), strict=False):
+            time.plot(drawn.times, values, color=colour, label=name)
+        time.set(xlabel="time in the cycle [s]", ylim=(0, 1.05 * highest))
+    above[0].set_ylabel("height [mm]")
+    below[0].set_ylabel("pressure [mmHg]")
+    below[0].legend(fontsize=8, frameon=False)
+    figure.colorbar(shown, ax=list(np.ravel(axes)), label="mean pressure [mmHg]", shrink=0.6)
+    figure.savefig(path)
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Morris's effects of factors on a result: mu* with its half width of confidence, and sigma, all (factors,)."""
+
+    factors: Sequence[str]
+    mean: Array
+    half_width: Array
+    deviation: Array
+
+
+NAMED = 0.15
+"""Effects above this share of the largest have their names beside them."""
+
+
+def elementary_effects(panels: Mapping[str, Effects], path: Path) -> None:
+    """Draw mu* as bars with confidence, and sigma over mu*, a row per result; titles carry the units."""
+    figure, axes = _figure(11.0, 3.9 * len(panels), len(panels), 2)
+    for (title, effects), (bars, plane) in zip(panels.items(), np.reshape(axes, (-1, 2)), strict=True):
+        order = np.argsort(effects.mean)
+        names = [effects.factors[n] for n in order]
+        bars.barh(names, effects.mean[order], xerr=effects.half_width[order], color=COLOURS[0], capsize=3)
+        bars.set_title(title, fontsize=10)
+        bars.set_xlabel("mu*, over the whole range, with 95 % confidence")
+        top = 1.15 * max(np.max(effects.mean + effects.half_width), np.max(effects.deviation))
+        plane.errorbar(effects.mean, effects.deviation, xerr=effects.half_width, fmt="o", color=COLOURS[1],
+                       markersize=4, capsize=2, linewidth=0.8)  # fmt: skip
+        plane.plot([0, top], [0, top], color=QUIET, linestyle="--", linewidth=1, label="sigma = mu*")
+        for n in order[effects.mean[order] > NAMED * effects.mean.max()]:
+            right = effects.mean[n] > top / 2
+            plane.annotate(effects.factors[n], (effects.mean[n], effects.deviation[n]), (-4 if right else 4, 4),
+                           fontsize=7, textcoords="offset points", ha="right" if right else "left")  # fmt: skip
+        plane.set(xlabel="mu*", ylabel="sigma", xlim=(0, top), ylim=(0, top))
+        plane.set_title(title, fontsize=10)
+        plane.legend(fontsize=8, frameon=False, loc="upper left")
     figure.savefig(path)
 
 

@@ -82,8 +82,12 @@ class Progress:
             print(f"{self.title}: {done:4.0%}  {detail}", file=sys.stderr, flush=True)
 
 
+MOST_SHOWN = 12
+"""Runs that have a line each; of more only those under way and those that failed are shown."""
+
+
 class Watch:
-    """Context manager that shows how far runs in other processes are, by what they stored."""
+    """Context manager that shows how far runs in other processes are, by what they stored, and how many are done."""
 
     def __init__(self, runs: Mapping[str, tuple[Path, float]], *, quiet: bool = False) -> None:
         """Prepare.
@@ -93,10 +97,15 @@ class Watch:
             quiet: show nothing at all.
         """
         self._runs = runs
+        self._ended: dict[str, bool] = {}
+        """Title -> whether it failed."""
         self._plain = not quiet and not _watched()
         self._bar = _bar(hidden=quiet or not _watched())
+        self._few = len(runs) <= MOST_SHOWN
+        self._all = self._bar.add_task("all cases", total=len(runs), detail=self._count, visible=len(runs) > 1)
         self._tasks = {
-            key: self._bar.add_task(key, total=end, detail="waiting", start=False) for key, (_, end) in runs.items()
+            key: self._bar.add_task(key, total=end, detail="waiting", start=False, visible=self._few)
+            for key, (_, end) in runs.items()
         }
 
     def __enter__(self) -> Self:
@@ -108,12 +117,19 @@ class Watch:
     ) -> None:
         self._bar.stop()
 
+    @property
+    def _count(self) -> str:
+        failed = sum(self._ended.values())
+        return f"{len(self._ended)} of {len(self._runs)}" + (f", {failed} failed" if failed else "")
+
     def look(self) -> None:
         """Read how far the runs are."""
         for key, task in self._tasks.items():
             folder = self._runs[key][0]
-            if folder.exists():
-                self._bar.start_task(task)
+            if key in self._ended or not folder.exists():
+                continue
+            self._bar.start_task(task)
+            self._bar.update(task, visible=True)
             table = read_table(folder / SERIES)
             if table and len(table["time_s"]):
                 time = float(table["time_s"][-1])
@@ -121,8 +137,12 @@ class Watch:
 
     def finished(self, key: str, failure: str) -> None:
         """Show that a run ended, by itself or (`failure` not empty) with an error."""
-        said = f"failed: {failure}" if failure else "completed"
-        self._bar.update(self._tasks[key], detail="failed" if failure else "completed")
+        self._ended[key] = bool(failure)
+        self._bar.update(
+            self._tasks[key], detail="failed" if failure else "completed", visible=self._few or bool(failure)
+        )
         self._bar.stop_task(self._tasks[key])
+        self._bar.update(self._all, completed=len(self._ended), detail=self._count)
         if self._plain:
-            print(f"{key}: {said}", file=sys.stderr, flush=True)
+            said = f"failed: {failure}" if failure else "completed"
+            print(f"{key}: {said} ({self._count})", file=sys.stderr, flush=True)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Self
 
@@ -76,10 +78,33 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, float | str]]) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    with explained(path), path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    replace_file(path, text.getvalue().encode())
+
+
+def write_parquet(path: Path, rows: Sequence[Mapping[str, float | str]]) -> bool:
+    """Write such a table as Parquet if pyarrow is installed, empty words as missing values; return whether it is.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if find_spec("pyarrow") is None:
+        return False
+    import pyarrow
+    from pyarrow import parquet
+
+    columns = {}
+    for name in rows[0]:
+        values = [None if row[name] == "" else row[name] for row in rows]
+        kind = pyarrow.string() if any(isinstance(value, str) for value in values) else pyarrow.float64()
+        columns[name] = pyarrow.array(values, kind)
+    content = io.BytesIO()
+    parquet.write_table(pyarrow.table(columns), content)
+    replace_file(path, content.getvalue())
+    return True
 
 
 def read_table(path: Path) -> dict[str, NDArray[np.float64]]:

@@ -13,7 +13,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ngfsi.output import figures
-from ngfsi.output.figures import COLOURS, Convergence, Group, convergence, outlines, ring_area, time_series
+from ngfsi.output.figures import (
+    COLOURS,
+    Convergence,
+    Effects,
+    Group,
+    SkinPressure,
+    convergence,
+    elementary_effects,
+    outlines,
+    results_over_inputs,
+    ring_area,
+    skin_pressures,
+    time_series,
+)
 from ngfsi.output.stored import StoredRun
 
 
@@ -103,3 +116,40 @@ def test_convergence(tmp_path: Path, drawn: list[Figure]) -> None:
     np.testing.assert_allclose(slope.get_ydata(), computed.get_ydata())  # of third order indeed
     assert other.get_label() == "k = 3"
     assert [tick.get_text() for tick in left.get_xticklabels()] == ["0.25", "0.5", "1"]
+
+
+def test_elementary_effects(tmp_path: Path, drawn: list[Figure]) -> None:
+    """Sorted bars with their confidence, and the same factors in the plane of mu* and sigma."""
+    effects = Effects(["a", "b", "c"], np.array([1.0, 3.0, 2.0]), np.array([0.1, 0.3, 0.2]), np.array([0.5, 1.0, 0.0]))
+    elementary_effects({"loss [%]": effects, "SAWSS [Pa]": effects}, tmp_path / "effects.png")
+    bars, plane, *_ = drawn[0].axes
+    assert bars.get_title() == "loss [%]"
+    assert [bar.get_width() for bar in bars.patches] == [1.0, 2.0, 3.0]
+    assert [tick.get_text() for tick in bars.get_yticklabels()] == ["a", "c", "b"]
+    (error,) = (c for c in bars.collections)
+    assert [np.ptp(part[:, 0]) for part in error.get_segments()] == pytest.approx([0.2, 0.4, 0.6])
+    points = plane.get_lines()[0].get_xydata()
+    np.testing.assert_array_equal(points, [[1.0, 0.5], [3.0, 1.0], [2.0, 0.0]])
+
+
+def test_results_over_inputs(tmp_path: Path, drawn: list[Figure]) -> None:
+    results_over_inputs({"a_mm": [1, 2], "b_Pa": [5, 6]}, {"x_1": [3, 4], "y_1": [7, 9]}, tmp_path / "all.png")
+    panels = drawn[0].axes
+    pairs = [(list(line.get_xdata()), list(line.get_ydata())) for panel in panels for line in panel.get_lines()]
+    assert pairs == [([1, 2], [3, 4]), ([5, 6], [3, 4]), ([1, 2], [7, 9]), ([5, 6], [7, 9])]
+    assert [panel.get_ylabel() for panel in panels[::2]] == ["x_1", "y_1"]
+    assert [panel.get_xlabel() for panel in panels[2:]] == ["a_mm", "b_Pa"]
+
+
+def test_skin_pressures(tmp_path: Path, drawn: list[Figure]) -> None:
+    angles, heights = (part.ravel() for part in np.meshgrid(np.linspace(-180, 180, 9), np.linspace(0, 120, 5)))
+    times = np.linspace(0, 2, 5)
+    pressure = SkinPressure(angles, heights, 10 + heights / 12, times, {"distal": 20 + times, "proximal": 5 * times})
+    skin_pressures({"graduated": pressure, "other": pressure}, tmp_path / "skin.png")
+    above, _, below, _, scale = drawn[0].axes
+    assert (above.get_title(), above.get_ylabel(), below.get_ylabel()) == (
+        "graduated", "height [mm]", "pressure [mmHg]"
+    )  # fmt: skip
+    assert [list(line.get_ydata()) for line in below.get_lines()] == [list(20 + times), list(5 * times)]
+    assert scale.get_ylabel() == "mean pressure [mmHg]"
+    assert scale.get_ylim()[1] == pytest.approx(20)

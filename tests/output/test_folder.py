@@ -13,7 +13,7 @@ import ngfsi
 from ngfsi.errors import OutputError
 from ngfsi.output import RunFolder, open_run
 from ngfsi.output.provenance import commit
-from ngfsi.output.table import TableWriter, read_table
+from ngfsi.output.table import TableWriter, read_table, write_parquet, write_rows
 from tests.output.fake import CASE
 
 
@@ -151,3 +151,19 @@ def test_commit_is_that_of_the_clone_and_of_no_other_repository(
     assert (commit() or {})["dirty"] is True
     monkeypatch.setattr(ngfsi, "__file__", str(installed / "__init__.py"))
     assert commit() is None
+
+
+def test_a_whole_table_as_csv_and_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both hold the floats to the last bit; what is missing is empty; without pyarrow there is no Parquet."""
+    rows: list[dict[str, float | str]] = [
+        {"case": 'a, "b"', "x_m": 1 / 3, "run": "0a"}, {"case": "c", "x_m": "", "run": "0b"}
+    ]  # fmt: skip
+    write_rows(tmp_path / "t.csv", rows)
+    assert (tmp_path / "t.csv").read_text() == f'case,x_m,run\n"a, ""b""",{1 / 3!r},0a\nc,,0b\n'
+    assert write_parquet(tmp_path / "t.parquet", rows)
+    found = pytest.importorskip("pyarrow.parquet").read_table(tmp_path / "t.parquet")
+    assert found.to_pydict() == {"case": ['a, "b"', "c"], "x_m": [1 / 3, None], "run": ["0a", "0b"]}
+    assert str(found.schema.field("x_m").type) == "double"
+    monkeypatch.setattr("ngfsi.output.table.find_spec", lambda _: None)
+    assert not write_parquet(tmp_path / "none.parquet", rows)
+    assert not (tmp_path / "none.parquet").exists()

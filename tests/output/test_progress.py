@@ -70,4 +70,29 @@ def test_watching_other_processes(
     monkeypatch.setenv("CI", "true")
     with Watch({"m": (tmp_path / "m", 1.0)}) as watch:
         watch.finished("m", "")
-    assert capsys.readouterr().err == "m: completed\n"
+    assert capsys.readouterr().err == "m: completed (1 of 1)\n"
+
+
+def test_progress_over_all_cases(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of many runs those under way and those that failed have a line, and one line counts all."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.delenv("CI", raising=False)
+    keys = [f"case{number:02d}" for number in range(20)]
+    with Watch({key: (tmp_path / key, 1.0) for key in keys}) as watch:
+        RunFolder.create(tmp_path / keys[0], CASE).record({"time_s": 0.25})
+        watch.look()
+        watch.finished(keys[1], "")
+        watch.finished(keys[2], "no mesh")
+    last = capsys.readouterr().err.rpartition("all cases")[2]
+    assert "2 of 20, 1 failed" in last
+    assert [key for key in keys if key in last] == [keys[0], keys[2]]
+    monkeypatch.setenv("CI", "true")
+    with Watch({key: (tmp_path / key, 1.0) for key in keys}) as watch:
+        watch.finished(keys[1], "")
+        watch.finished(keys[2], "no mesh")
+    assert capsys.readouterr().err.splitlines() == [
+        "case01: completed (1 of 20)", "case02: failed: no mesh (2 of 20, 1 failed)"
+    ]  # fmt: skip
