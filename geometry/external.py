@@ -6,12 +6,10 @@ each edge as in the cells themselves. Nodes in the middle of faces and cells are
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
-from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
 import meshio
@@ -19,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from geometry.content import check_digest, digest
 from geometry.segment import END_NAMES
 from ngfsi.curving import EdgeBulges
 from ngfsi.errors import GeometryError, NgfsiError, unknown
@@ -104,15 +103,12 @@ class ExternalMesh(Section):
     """Name of a group in the file (or its number) -> name of the region or boundary; others must have these names."""
     groups: str = GMSH
     """Array of numbers of the cells' groups, where the file has no named sets of cells."""
-    sha256: str = Field(default_factory=lambda given: _digest(given["file"]))
+    sha256: str = Field(default_factory=lambda given: digest(given["file"], "mesh"))
     """Of the file: a case belongs to its content."""
 
     @model_validator(mode="after")
     def _can_be_used(self) -> Self:
-        if self.sha256 != _digest(self.file):
-            raise ValueError(
-                f"'{self.file}' is not the file of this case, it has changed: leave out sha256 to accept it"
-            )
+        check_digest(self.file, "mesh", self.sha256)
         known = (*REGIONS, *BOUNDARIES)
         if wrong := next((name for name in self.names.values() if name not in known), None):
             raise ValueError(unknown("region or boundary", wrong, known))
@@ -322,13 +318,6 @@ class ExternalMesh(Section):
 def _top(kind: Kind, corners: Indices) -> Indices:
     top = corners[:, kind.base :]
     return top[:, ::-1] if top.shape[1] > 1 else top
-
-
-def _digest(file: str) -> str:
-    try:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    except OSError as error:
-        raise GeometryError(f"the mesh '{file}' cannot be read: {error.strerror or error}") from None
 
 
 def _contents(raw: Any, groups: Iterator[tuple[str, Kind, Indices]], scale: float, file: str) -> Contents:

@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 
 from geometry.calf_section import NARROWEST_GAP, CalfSection, Vein
 from geometry.lofted import LoftedVein
+from geometry.lofted_calf import FEWEST, PARTS, LoftedCalf, Stack
 from ngfsi.errors import GeometryError, unknown
 from ngfsi.outline import Outline
 from ngfsi.units import from_si, to_si
@@ -103,9 +104,8 @@ def _shares(outlines: Mapping[str, Outline], frame: Outline, pixel: float) -> tu
     fine = pixel / SUB
     x = low[0] + fine * (np.arange(SUB * size[0]) + 0.5)
     y = low[1] + fine * (np.arange(SUB * size[1]) + 0.5)
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     blocks = size[1], SUB, size[0], SUB
-    inside = {name: outline.contains(grid).reshape(blocks) for name, outline in outlines.items()}
+    inside = {name: outline.covers(x, y).reshape(blocks) for name, outline in outlines.items()}
     return low + pixel / 2, {name: mask.mean(axis=(1, 3)) for name, mask in inside.items()}
 
 
@@ -281,6 +281,41 @@ class LabelMap:
             return LoftedVein(outlines=outlines, heights=heights, **more)
         except GeometryError as error:
             raise GeometryError(f"'{name}' from slice {there.start} on: {error}") from None
+
+    def stack(self, lumen: str = "lumen", first: int | None = None, last: int | None = None) -> Stack:
+        """Return the outlines of skin, bones and a vein in slices `first` to `last`, by default all that have the vein.
+
+        Args:
+            lumen: name of the vein; other veins count as tissue.
+
+        Raises:
+            GeometryError: a part is missing from a slice or cannot be outlined.
+        """
+        there = self.slices_of(lumen)
+        chosen = range(there.start if first is None else first, (there.stop - 1 if last is None else last) + 1)
+        if not len(chosen) or chosen.start < 0 or chosen.stop > len(self.numbers):
+            raise GeometryError(
+                f"there are no slices {chosen.start} to {chosen.stop - 1}: the image has 0 to {len(self.numbers) - 1}"
+            )
+        if len(chosen) < FEWEST:
+            raise GeometryError(
+                f"'{lumen}' lies in slices {chosen.start} to {chosen.stop - 1}: a lofted calf needs {FEWEST}, label it "
+                "in more"
+            )
+        labels = {name: lumen if name == "lumen" else name for name in PARTS}
+        outlines = {name: tuple(self.outline(title, k) for k in chosen) for name, title in labels.items()}
+        return Stack(outlines, tuple(map(float, self.heights[chosen.start : chosen.stop])), chosen.start)
+
+    def calf(
+        self, lumen: str = "lumen", first: int | None = None, last: int | None = None, **more: Any
+    ) -> LoftedCalf:  # fmt: skip
+        """Return the calf segment through slices, with one vein; arguments as of `stack`, and `more`: e.g. `mesh`.
+
+        Raises:
+            GeometryError: slices are missing or cannot be outlined, or the stack makes no calf.
+        """
+        stack = self.stack(lumen, first, last)
+        return LoftedCalf(heights=stack.heights, first_slice=stack.first, **{**stack.outlines, **more})
 
     @property
     def _pixel_area(self) -> float:
