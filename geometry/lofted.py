@@ -43,6 +43,7 @@ class LoftedVein(Section):
     refusal: ClassVar[type[NgfsiError]] = GeometryError
     solids: ClassVar[tuple[str, ...]] = ()
     fluid: ClassVar[str] = "fluid"
+    guarded: ClassVar[bool] = False
 
     outlines: tuple[Outline, ...] = Field(min_length=4, description="sections from distal to proximal")
     heights: tuple[Length, ...] = Field(description="their positions z")
