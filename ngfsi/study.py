@@ -91,7 +91,10 @@ def run_cases(
 
 @contextmanager
 def workers() -> Iterator[Executor]:
-    """Let functions of modules be computed in as many processes as there are processors, with one thread each."""
+    """Let functions of modules be computed in as many processes as there are processors, with one thread each.
+
+    What they take and return goes from process to process, and so do no systems or meshes.
+    """
     before = dict(os.environ)
     os.environ.update(dict.fromkeys(THREADS, "1"))
     pool = ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn"))
