@@ -44,27 +44,32 @@ GMSH = "gmsh:physical"
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of cell in VTK's order: dimension, number of corners, edges, faces, and corners of the base."""
+    """A kind of cell in VTK's order: dimension, number of corners, edges, faces, and corners of the base.
+
+    Attributes:
+        other_edges: their order in files of other programs, whose middle nodes meshio leaves as they are.
+    """
 
     dim: int
     corners: int
     edges: tuple[tuple[int, int], ...]
     faces: tuple[tuple[int, ...], ...] = ()
     base: int = 0
+    other_edges: tuple[tuple[int, int], ...] = ()
 
 
 TRIANGLE = Kind(2, 3, ((0, 1), (1, 2), (2, 0)))
 QUAD = Kind(2, 4, ((0, 1), (1, 2), (2, 3), (3, 0)))
 TETRA = Kind(3, 4, ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)), ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)), 3)
 WEDGE = Kind(3, 6, ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-             ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)), 3)  # fmt: skip
+             ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)), 3,
+             ((0, 1), (2, 0), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (5, 3), (4, 5)))  # fmt: skip
 HEXAHEDRON = Kind(3, 8, ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
                          (0, 4), (1, 5), (2, 6), (3, 7)),
                   ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)), 4)  # fmt: skip
-# wedges of second order have no one order of nodes in meshio
 KINDS = {
     "triangle": TRIANGLE, "triangle6": TRIANGLE, "quad": QUAD, "quad8": QUAD, "quad9": QUAD,
-    "tetra": TETRA, "tetra10": TETRA, "wedge": WEDGE,
+    "tetra": TETRA, "tetra10": TETRA, "wedge": WEDGE, "wedge15": WEDGE, "wedge18": WEDGE,
     "hexahedron": HEXAHEDRON, "hexahedron20": HEXAHEDRON, "hexahedron27": HEXAHEDRON,
 }  # fmt: skip
 IGNORED = ("vertex", "line", "line3")
@@ -375,12 +380,22 @@ def _faces(points: Array, cells: Any, surfaces: Any, file: str) -> tuple[tuple[s
     return tuple((name, behind, before, np.array(faces)) for (name, behind, before, _), faces in found.items())
 
 
+def _edges_in(nodes: Array, kind: Kind, cells: Indices) -> tuple[tuple[int, int], ...]:
+    """Return the order of edges in which the middle nodes of cells lie nearest to the middles of their ends."""
+
+    def away(edges: tuple[tuple[int, int], ...]) -> float:
+        middles = nodes[cells[:, kind.corners : kind.corners + len(edges)]]
+        return float(np.sum((middles - nodes[cells[:, np.array(edges)]].mean(axis=2)) ** 2))
+
+    return min((kind.edges, kind.other_edges), key=away) if kind.other_edges else kind.edges
+
+
 def _bulges(nodes: Array, new: Indices, bodies: Any) -> EdgeBulges:
     """Return the edges that have middle nodes."""
     edges, bulges = [np.zeros((0, 2), dtype=np.int64)], [np.zeros((0, 3))]
     for _, kind, cell in bodies:
         if cell.shape[1] > kind.corners:
-            for k, ends in enumerate(kind.edges):
+            for k, ends in enumerate(_edges_in(nodes, kind, cell)):
                 corners, middle = cell[:, list(ends)], cell[:, kind.corners + k]
                 edges.append(np.sort(new[corners], axis=1))
                 bulges.append(nodes[middle] - nodes[corners].mean(axis=1))

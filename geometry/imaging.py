@@ -15,10 +15,10 @@ from typing import Any, Self
 import numpy as np
 from contourpy import contour_generator
 from numpy.typing import NDArray
-from scipy.ndimage import binary_fill_holes, gaussian_filter, label
+from scipy.ndimage import binary_dilation, binary_fill_holes, gaussian_filter, label
 from scipy.optimize import brentq
 
-from geometry.calf_section import NARROWEST_GAP, CalfSection, Vein
+from geometry.calf_section import COMPARTMENTS, NARROWEST_GAP, CalfSection, Vein
 from geometry.lofted import LoftedVein
 from geometry.lofted_calf import FEWEST, PARTS, LoftedCalf, Stack
 from ngfsi.errors import GeometryError, unknown
@@ -36,8 +36,14 @@ MARGIN = 5e-3
 SUB = 3
 GREY = {"skin": 100.0, "tibia": -80.0, "fibula": -80.0, "lumen": 60.0}
 """Grey values, added up from outside inwards."""
-LABELS = {"skin": 1, "fat": 2, "tibia": 3, "fibula": 4, "lumen": 5, "lumen_2": 6, "lumen_3": 7, "lumen_4": 8}
-"""Numbers in a label map, each of the voxels that lie in none of the parts inside of it."""
+LABELS = {
+    "skin": 1, "fat": 2, "anterior": 9, "lateral": 10, "superficial_posterior": 11, "deep_posterior": 12,
+    "tibia": 3, "fibula": 4, "lumen": 5, "lumen_2": 6, "lumen_3": 7, "lumen_4": 8,
+}  # fmt: skip
+"""Numbers in a label map, each of the voxels that lie in none of the parts inside of it; from outside inwards."""
+SEPTUM, OVERLAP = 1, 3
+"""Pixels by which a compartment stays away from others, and by which its outline reaches into bones and veins, whose
+own outlines then are its border."""
 
 AXES = "RAS"
 """SimpleITK's code of axes that run lateral (of a right leg), anterior and proximal."""
@@ -85,7 +91,7 @@ def phantom_stack(
     (x, y), (rows, columns) = sections[0][0], next(iter(sections[0][1].values())).shape
     numbers = np.zeros((len(sections), rows, columns), dtype=np.uint8)
     for layer, (_, shares) in zip(numbers, sections, strict=True):
-        for name in sorted(shares, key=LABELS.__getitem__):
+        for name in sorted(shares, key=list(LABELS).index):
             layer[shares[name] > 0.5] = LABELS[name]
     grey = np.stack([_grey(shares) for _, shares in sections]).astype(np.float32)
     images = sitk.GetImageFromArray(numbers), sitk.GetImageFromArray(grey)
@@ -140,15 +146,8 @@ class LabelMap:
         Raises:
             GeometryError: there is no such image, its voxels hold no whole numbers, or slices are missing.
         """
-        import SimpleITK as sitk  # noqa: N813 - its usual name
-
         try:
-            image = _read_series(path) if path.is_dir() else sitk.ReadImage(str(path))
-        except RuntimeError as error:
-            reason = str(error).strip().splitlines()[-1].split("ERROR: ")[-1]
-            raise GeometryError(f"'{path}' cannot be read as NIfTI, NRRD or another image: {reason}") from None
-        try:
-            return cls.of_image(image, labels)
+            return cls.of_image(read_image(path), labels)
         except GeometryError as error:
             raise GeometryError(f"'{path}': {error}") from None
 
@@ -161,9 +160,7 @@ class LabelMap:
         """
         import SimpleITK as sitk  # noqa: N813 - its usual name
 
-        if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
-            raise GeometryError("a label map has three dimensions and one number in each voxel: save it as a volume")
-        image = sitk.DICOMOrient(image, AXES)
+        image = _oriented(image)
         values = sitk.GetArrayFromImage(image)
         if not np.array_equal(values, np.round(values)):
             raise GeometryError("the voxels hold fractions, so it is no label map: give the segmentation of the image")
@@ -255,6 +252,7 @@ class LabelMap:
         outlines: dict[str, Any] = {name: self.outline(name, number) for name in ("skin", "tibia", "fibula")}
         if self._has("fat", number):
             outlines["fascia"] = self.outline("fat", number)
+        outlines |= {name: self.outline(name, number) for name in COMPARTMENTS if self._has(name, number)}
         lumens = [name for name in self.labels if _kind(name) == "lumen" and self._has(name, number)]
         if not lumens:
             raise GeometryError(f"slice {number}: there is no 'lumen', of label {self._number('lumen')}: label a vein")
@@ -330,11 +328,20 @@ class LabelMap:
         return name in self.labels and bool(np.any(self.numbers[number] == self.labels[name]))
 
     def _mask(self, name: str, number: int) -> Mask:
-        """Return the pixels inside the outline of a part: of the skin all, of the fat what it surrounds (fascia)."""
+        """Return the pixels inside the outline of a part: of the skin all, of the fat what it surrounds (fascia).
+
+        Of a compartment also the next pixels of bones and veins, but not those next to another compartment.
+        """
         layer, mine = self.numbers[number], self._number(name)
         if name in ("skin", "fat"):
             body = np.asarray(binary_fill_holes(np.isin(layer, list(self.labels.values()))))
             return body & (layer != mine) if name == "fat" else body
+        if name in COMPARTMENTS:
+            others = [self.labels[other] for other in COMPARTMENTS if other != name and other in self.labels]
+            inner = [n for other, n in self.labels.items() if _kind(other) in ("tibia", "fibula", "lumen")]
+            grown = binary_dilation(layer == mine, iterations=OVERLAP) & np.isin(layer, [mine, *inner])
+            apart = grown & ~binary_dilation(np.isin(layer, others), iterations=SEPTUM)
+            return np.asarray(binary_fill_holes(apart))
         return np.asarray(binary_fill_holes(layer == mine))
 
     def _smooth(self, mask: Mask) -> Array:
@@ -374,6 +381,33 @@ class LabelMap:
 def _polygon_area(ring: Array) -> float:
     x, y = ring.T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
+
+
+def read_image(path: Path) -> Any:
+    """Return the SimpleITK image (mm) in a file, or in a folder with one DICOM series, in the axes of the geometries.
+
+    Raises:
+        GeometryError: there is no such image, it is no volume, or slices are missing.
+    """
+    import SimpleITK as sitk  # noqa: N813 - its usual name
+
+    try:
+        image = _read_series(path) if path.is_dir() else sitk.ReadImage(str(path))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].split("ERROR: ")[-1]
+        raise GeometryError(f"'{path}' cannot be read as NIfTI, NRRD or another image: {reason}") from None
+    try:
+        return _oriented(image)
+    except GeometryError as error:
+        raise GeometryError(f"'{path}': {error}") from None
+
+
+def _oriented(image: Any) -> Any:
+    import SimpleITK as sitk  # noqa: N813 - its usual name
+
+    if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
+        raise GeometryError("a label map has three dimensions and one number in each voxel: save it as a volume")
+    return sitk.DICOMOrient(image, AXES)
 
 
 def _read_series(folder: Path) -> Any:

@@ -23,6 +23,10 @@ MM = 1e3
 TETRA_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 """Between which corners VTK has its nodes 4 to 9; of the cube below, its nodes 8 to 19."""
 CUBE_EDGES = ((0, 1), (1, 2), (2, 3), (0, 3), (4, 5), (5, 6), (6, 7), (4, 7), (0, 4), (1, 5), (2, 6), (3, 7))
+WEDGE_EDGES = ((0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5), (0, 3), (1, 4), (2, 5))
+GMSH_WEDGE_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (3, 5), (4, 5))
+"""As in Gmsh's manual, section on node ordering."""
+WEDGE_QUADS = ((0, 1, 3, 4), (0, 2, 3, 5), (1, 2, 4, 5))
 CUBE_FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 
 
@@ -95,6 +99,44 @@ def test_gmsh_file_of_second_order(tmp_path: Path) -> None:
     outwards = ng.CF((ng.x, ng.y, ng.z)) * ng.specialcf.normal(3)
     flux = ng.Integrate(outwards * domain.ds("interface", "outlet", "inlet", bonus_intorder=4), domain.mesh)
     assert flux == pytest.approx(3 * domain.volume("fluid"), rel=1e-8)
+
+
+@pytest.mark.parametrize(("suffix", "kind"), [("vtu", "wedge15"), ("msh", "wedge15"), ("msh", "wedge18")])
+def test_wedges_of_second_order(tmp_path: Path, suffix: str, kind: str) -> None:
+    """A tube of curved prisms comes back with its volumes, whose faces along it are ruled: edges say all of them.
+
+    meshio turns wedge15 of Gmsh into VTK's order of nodes, and leaves wedge18 as Gmsh has it.
+    """
+    geometry, file = tube("prism", 2), tmp_path / f"tube.{suffix}"
+    order = GMSH_WEDGE_EDGES if (suffix, kind) == ("msh", "wedge18") else WEDGE_EDGES
+    points, rows = cells_of(geometry)
+    before = domain_of(geometry)
+    middle: dict[tuple[int, ...], int] = {}
+    for name, old in list(rows):
+        if old == "wedge":
+            for nodes in rows[name, old]:
+                parts = [tuple(sorted(nodes[k] for k in edge)) for edge in order]
+                parts += [tuple(sorted(nodes[k] for k in face)) for face in WEDGE_QUADS] if kind == "wedge18" else []
+                nodes += [middle.setdefault(part, len(points) + len(middle)) for part in parts]
+            rows[name, kind] = rows.pop((name, old))
+    straight = np.vstack([points, [points[list(part)].mean(axis=0) for part in middle]])
+    shape = before.mesh.deformation
+    before.mesh.UnsetDeformation()
+    bent = straight + MM * np.array([shape(before.mesh(*p)) for p in straight / MM])
+    before.mesh.SetDeformation(shape)
+    array = "gmsh:physical" if suffix == "msh" else "part"
+    raw, numbers = raw_mesh(bent, rows, array)
+    if suffix == "msh":
+        raw.cell_data["gmsh:geometrical"] = raw.cell_data[array]
+        meshio.write(file, raw, file_format="gmsh22", binary=False)
+    else:
+        meshio.write(file, raw)
+    external = ExternalMesh(file=str(file), groups=array, names={str(k): name for name, k in numbers.items()})
+    after = domain_of_file(external)
+    assert external.curving_order == 2
+    for name in before.regions:
+        assert after.volume(name) == pytest.approx(before.volume(name), rel=1e-8)
+    assert after.area("interface") == pytest.approx(before.area("interface"), rel=1e-8)
 
 
 def test_vtu_file_of_wedges_and_hexahedra(tmp_path: Path) -> None:
