@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import meshio
 import numpy as np
+from meshio._mesh import topological_dimension
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
@@ -72,6 +73,8 @@ KINDS = {
     "tetra": TETRA, "tetra10": TETRA, "wedge": WEDGE, "wedge15": WEDGE, "wedge18": WEDGE,
     "hexahedron": HEXAHEDRON, "hexahedron20": HEXAHEDRON, "hexahedron27": HEXAHEDRON,
 }  # fmt: skip
+# meshio reads and writes them, but does not know their dimension
+topological_dimension.setdefault("wedge15", 3)
 IGNORED = ("vertex", "line", "line3")
 
 
