@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 from contourpy import contour_generator
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, binary_fill_holes, gaussian_filter, label
+from scipy.ndimage import binary_dilation, binary_fill_holes, binary_opening, gaussian_filter, label
 from scipy.optimize import brentq
 
 from geometry.calf_section import COMPARTMENTS, NARROWEST_GAP, CalfSection, Vein
@@ -41,9 +41,9 @@ LABELS = {
     "tibia": 3, "fibula": 4, "lumen": 5, "lumen_2": 6, "lumen_3": 7, "lumen_4": 8,
 }  # fmt: skip
 """Numbers in a label map, each of the voxels that lie in none of the parts inside of it; from outside inwards."""
-SEPTUM, OVERLAP = 1, 3
+SEPTUM, OVERLAP, BLUNT = 1, 3, 2
 """Pixels by which a compartment stays away from others, and by which its outline reaches into bones and veins, whose
-own outlines then are its border."""
+own outlines then are its border; half of the width of what is too thin to count as part of it."""
 
 AXES = "RAS"
 """SimpleITK's code of axes that run lateral (of a right leg), anterior and proximal."""
@@ -340,8 +340,14 @@ class LabelMap:
             others = [self.labels[other] for other in COMPARTMENTS if other != name and other in self.labels]
             inner = [n for other, n in self.labels.items() if _kind(other) in ("tibia", "fibula", "lumen")]
             grown = binary_dilation(layer == mine, iterations=OVERLAP) & np.isin(layer, [mine, *inner])
-            apart = grown & ~binary_dilation(np.isin(layer, others), iterations=SEPTUM)
-            return np.asarray(binary_fill_holes(apart))
+            apart = binary_fill_holes(grown & ~binary_dilation(np.isin(layer, others), iterations=SEPTUM))
+            apart = binary_opening(apart, iterations=BLUNT)  # wedges along a bone could not be meshed
+            whole = layer == mine
+            if label(whole, structure=np.ones((3, 3)))[1] > 1:
+                return np.asarray(whole)  # for the sentence about pieces
+            # what others cut off at its corners is septum
+            pieces, _ = label(apart)
+            return np.asarray(pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:])) if apart.any() else whole
         return np.asarray(binary_fill_holes(layer == mine))
 
     def _smooth(self, mask: Mask) -> Array:
