@@ -96,6 +96,8 @@ class SoftestMode:
 def softest_mode(system: System) -> SoftestMode:
     """Return the lowest eigenvalue of the tangent stiffness against the integral of G grad u : grad v, and its mode.
 
+    From order 3 on interior unknowns follow the others, and count in the integral no more than those say.
+
     Raises:
         SolverError: no eigenvalue was found.
     """

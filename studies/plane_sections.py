@@ -71,7 +71,7 @@ class Finding:
         vein_share: the vein's part of the calf's loss.
         pressure, pressure_wall: mean over the vein's outline on either side, Pa.
         map, outlines: for pictures; outlines of skin and lumen at rest, m.
-        path: shares of the loads and the vein's reduction of area there; `coarse`: with one order less.
+        path: shares of the loads and the vein's reduction of area there; `coarse`: with one order less, if computed.
         modes: at finite strain, the softest motion at each of these shares.
         failure: why the path ended early, if it did; the numbers are then those of its last state.
     """
@@ -88,14 +88,14 @@ class Finding:
     map: SectionMap | None = None
     outlines: tuple[Any, ...] = ()
     path: tuple[tuple[float, float], ...] = ()
-    coarse: tuple[tuple[float, float], ...] = ()
+    coarse: tuple[tuple[float, float], ...] | None = None
     modes: tuple[SoftestMode, ...] = ()
     failure: str = ""
 
     @property
     def settled(self) -> tuple[float, float]:
         """Largest share of the loads up to which both orders agree, and the vein's reduction of area there."""
-        both = zip(self.path, self.coarse or self.path, strict=False)
+        both = zip(self.path, self.path if self.coarse is None else self.coarse, strict=False)
         agreeing = takewhile(lambda pair: abs(pair[0][1] - pair[1][1]) < AGREEMENT, both)
         return max((here for here, _ in agreeing), default=(0.0, 0.0))
 
@@ -392,12 +392,12 @@ def _strains(findings: Sequence[Finding]) -> str:
 
 def _softness(folder: Path, findings: Sequence[Finding]) -> str:
     load, rows = PRINTED["skin_pressure_mmHg"], []
-    finite = [f for f in findings if f.strain == "finite" and f.path]
+    finite = [f for f in findings if f.strain == "finite" and f.modes]
     for f in finite:
         lumen = subject(f.subject).veins[0].lumen
         away = float(np.linalg.norm(np.array(f.modes[-1].place) - lumen.centroid)) / np.sqrt(lumen.area / np.pi)
         full = " / ".join(
-            f"{100 * path[-1][1]:.1f}" if path and path[-1][0] == 1 else "none" for path in (f.path, f.coarse)
+            f"{100 * path[-1][1]:.1f}" if path and path[-1][0] == 1 else "none" for path in (f.path, f.coarse or ())
         )
         share, loss = f.settled
         rows.append((
