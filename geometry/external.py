@@ -6,19 +6,19 @@ each edge as in the cells themselves. Nodes in the middle of faces and cells are
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
-from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
 import meshio
 import numpy as np
+from meshio._mesh import topological_dimension
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from geometry.content import check_digest, digest
 from geometry.segment import END_NAMES
 from ngfsi.curving import EdgeBulges
 from ngfsi.errors import GeometryError, NgfsiError, unknown
@@ -45,29 +45,36 @@ GMSH = "gmsh:physical"
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of cell in VTK's order: dimension, number of corners, edges, faces, and corners of the base."""
+    """A kind of cell in VTK's order: dimension, number of corners, edges, faces, and corners of the base.
+
+    Attributes:
+        other_edges: their order in files of other programs, whose middle nodes meshio leaves as they are.
+    """
 
     dim: int
     corners: int
     edges: tuple[tuple[int, int], ...]
     faces: tuple[tuple[int, ...], ...] = ()
     base: int = 0
+    other_edges: tuple[tuple[int, int], ...] = ()
 
 
 TRIANGLE = Kind(2, 3, ((0, 1), (1, 2), (2, 0)))
 QUAD = Kind(2, 4, ((0, 1), (1, 2), (2, 3), (3, 0)))
 TETRA = Kind(3, 4, ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)), ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)), 3)
 WEDGE = Kind(3, 6, ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-             ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)), 3)  # fmt: skip
+             ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)), 3,
+             ((0, 1), (2, 0), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (5, 3), (4, 5)))  # fmt: skip
 HEXAHEDRON = Kind(3, 8, ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
                          (0, 4), (1, 5), (2, 6), (3, 7)),
                   ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)), 4)  # fmt: skip
-# wedges of second order have no one order of nodes in meshio
 KINDS = {
     "triangle": TRIANGLE, "triangle6": TRIANGLE, "quad": QUAD, "quad8": QUAD, "quad9": QUAD,
-    "tetra": TETRA, "tetra10": TETRA, "wedge": WEDGE,
+    "tetra": TETRA, "tetra10": TETRA, "wedge": WEDGE, "wedge15": WEDGE, "wedge18": WEDGE,
     "hexahedron": HEXAHEDRON, "hexahedron20": HEXAHEDRON, "hexahedron27": HEXAHEDRON,
 }  # fmt: skip
+# meshio reads and writes them, but does not know their dimension
+topological_dimension.setdefault("wedge15", 3)
 IGNORED = ("vertex", "line", "line3")
 
 
@@ -104,15 +111,12 @@ class ExternalMesh(Section):
     """Name of a group in the file (or its number) -> name of the region or boundary; others must have these names."""
     groups: str = GMSH
     """Array of numbers of the cells' groups, where the file has no named sets of cells."""
-    sha256: str = Field(default_factory=lambda given: _digest(given["file"]))
+    sha256: str = Field(default_factory=lambda given: digest(given["file"], "mesh"))
     """Of the file: a case belongs to its content."""
 
     @model_validator(mode="after")
     def _can_be_used(self) -> Self:
-        if self.sha256 != _digest(self.file):
-            raise ValueError(
-                f"'{self.file}' is not the file of this case, it has changed: leave out sha256 to accept it"
-            )
+        check_digest(self.file, "mesh", self.sha256)
         known = (*REGIONS, *BOUNDARIES)
         if wrong := next((name for name in self.names.values() if name not in known), None):
             raise ValueError(unknown("region or boundary", wrong, known))
@@ -324,13 +328,6 @@ def _top(kind: Kind, corners: Indices) -> Indices:
     return top[:, ::-1] if top.shape[1] > 1 else top
 
 
-def _digest(file: str) -> str:
-    try:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    except OSError as error:
-        raise GeometryError(f"the mesh '{file}' cannot be read: {error.strerror or error}") from None
-
-
 def _contents(raw: Any, groups: Iterator[tuple[str, Kind, Indices]], scale: float, file: str) -> Contents:
     """Sort out what a file holds."""
     named = list(groups)
@@ -386,12 +383,22 @@ def _faces(points: Array, cells: Any, surfaces: Any, file: str) -> tuple[tuple[s
     return tuple((name, behind, before, np.array(faces)) for (name, behind, before, _), faces in found.items())
 
 
+def _edges_in(nodes: Array, kind: Kind, cells: Indices) -> tuple[tuple[int, int], ...]:
+    """Return the order of edges in which the middle nodes of cells lie nearest to the middles of their ends."""
+
+    def away(edges: tuple[tuple[int, int], ...]) -> float:
+        middles = nodes[cells[:, kind.corners : kind.corners + len(edges)]]
+        return float(np.sum((middles - nodes[cells[:, np.array(edges)]].mean(axis=2)) ** 2))
+
+    return min((kind.edges, kind.other_edges), key=away) if kind.other_edges else kind.edges
+
+
 def _bulges(nodes: Array, new: Indices, bodies: Any) -> EdgeBulges:
     """Return the edges that have middle nodes."""
     edges, bulges = [np.zeros((0, 2), dtype=np.int64)], [np.zeros((0, 3))]
     for _, kind, cell in bodies:
         if cell.shape[1] > kind.corners:
-            for k, ends in enumerate(kind.edges):
+            for k, ends in enumerate(_edges_in(nodes, kind, cell)):
                 corners, middle = cell[:, list(ends)], cell[:, kind.corners + k]
                 edges.append(np.sort(new[corners], axis=1))
                 bulges.append(nodes[middle] - nodes[corners].mean(axis=1))

@@ -15,11 +15,12 @@ from typing import Any, Self
 import numpy as np
 from contourpy import contour_generator
 from numpy.typing import NDArray
-from scipy.ndimage import binary_fill_holes, gaussian_filter, label
+from scipy.ndimage import binary_dilation, binary_fill_holes, binary_opening, gaussian_filter, label
 from scipy.optimize import brentq
 
-from geometry.calf_section import NARROWEST_GAP, CalfSection, Vein
+from geometry.calf_section import COMPARTMENTS, NARROWEST_GAP, CalfSection, Vein
 from geometry.lofted import LoftedVein
+from geometry.lofted_calf import FEWEST, PARTS, LoftedCalf, Stack
 from ngfsi.errors import GeometryError, unknown
 from ngfsi.outline import Outline
 from ngfsi.units import from_si, to_si
@@ -35,8 +36,14 @@ MARGIN = 5e-3
 SUB = 3
 GREY = {"skin": 100.0, "tibia": -80.0, "fibula": -80.0, "lumen": 60.0}
 """Grey values, added up from outside inwards."""
-LABELS = {"skin": 1, "fat": 2, "tibia": 3, "fibula": 4, "lumen": 5, "lumen_2": 6, "lumen_3": 7, "lumen_4": 8}
-"""Numbers in a label map, each of the voxels that lie in none of the parts inside of it."""
+LABELS = {
+    "skin": 1, "fat": 2, "anterior": 9, "lateral": 10, "superficial_posterior": 11, "deep_posterior": 12,
+    "tibia": 3, "fibula": 4, "lumen": 5, "lumen_2": 6, "lumen_3": 7, "lumen_4": 8,
+}  # fmt: skip
+"""Numbers in a label map, each of the voxels that lie in none of the parts inside of it; from outside inwards."""
+SEPTUM, OVERLAP, BLUNT = 1, 3, 2
+"""Pixels by which a compartment stays away from others, and by which its outline reaches into bones and veins, whose
+own outlines then are its border; half of the width of what is too thin to count as part of it."""
 
 AXES = "RAS"
 """SimpleITK's code of axes that run lateral (of a right leg), anterior and proximal."""
@@ -84,7 +91,7 @@ def phantom_stack(
     (x, y), (rows, columns) = sections[0][0], next(iter(sections[0][1].values())).shape
     numbers = np.zeros((len(sections), rows, columns), dtype=np.uint8)
     for layer, (_, shares) in zip(numbers, sections, strict=True):
-        for name in sorted(shares, key=LABELS.__getitem__):
+        for name in sorted(shares, key=list(LABELS).index):
             layer[shares[name] > 0.5] = LABELS[name]
     grey = np.stack([_grey(shares) for _, shares in sections]).astype(np.float32)
     images = sitk.GetImageFromArray(numbers), sitk.GetImageFromArray(grey)
@@ -103,9 +110,8 @@ def _shares(outlines: Mapping[str, Outline], frame: Outline, pixel: float) -> tu
     fine = pixel / SUB
     x = low[0] + fine * (np.arange(SUB * size[0]) + 0.5)
     y = low[1] + fine * (np.arange(SUB * size[1]) + 0.5)
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     blocks = size[1], SUB, size[0], SUB
-    inside = {name: outline.contains(grid).reshape(blocks) for name, outline in outlines.items()}
+    inside = {name: outline.covers(x, y).reshape(blocks) for name, outline in outlines.items()}
     return low + pixel / 2, {name: mask.mean(axis=(1, 3)) for name, mask in inside.items()}
 
 
@@ -140,15 +146,8 @@ class LabelMap:
         Raises:
             GeometryError: there is no such image, its voxels hold no whole numbers, or slices are missing.
         """
-        import SimpleITK as sitk  # noqa: N813 - its usual name
-
         try:
-            image = _read_series(path) if path.is_dir() else sitk.ReadImage(str(path))
-        except RuntimeError as error:
-            reason = str(error).strip().splitlines()[-1].split("ERROR: ")[-1]
-            raise GeometryError(f"'{path}' cannot be read as NIfTI, NRRD or another image: {reason}") from None
-        try:
-            return cls.of_image(image, labels)
+            return cls.of_image(read_image(path), labels)
         except GeometryError as error:
             raise GeometryError(f"'{path}': {error}") from None
 
@@ -161,9 +160,7 @@ class LabelMap:
         """
         import SimpleITK as sitk  # noqa: N813 - its usual name
 
-        if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
-            raise GeometryError("a label map has three dimensions and one number in each voxel: save it as a volume")
-        image = sitk.DICOMOrient(image, AXES)
+        image = _oriented(image)
         values = sitk.GetArrayFromImage(image)
         if not np.array_equal(values, np.round(values)):
             raise GeometryError("the voxels hold fractions, so it is no label map: give the segmentation of the image")
@@ -255,6 +252,7 @@ class LabelMap:
         outlines: dict[str, Any] = {name: self.outline(name, number) for name in ("skin", "tibia", "fibula")}
         if self._has("fat", number):
             outlines["fascia"] = self.outline("fat", number)
+        outlines |= {name: self.outline(name, number) for name in COMPARTMENTS if self._has(name, number)}
         lumens = [name for name in self.labels if _kind(name) == "lumen" and self._has(name, number)]
         if not lumens:
             raise GeometryError(f"slice {number}: there is no 'lumen', of label {self._number('lumen')}: label a vein")
@@ -282,6 +280,41 @@ class LabelMap:
         except GeometryError as error:
             raise GeometryError(f"'{name}' from slice {there.start} on: {error}") from None
 
+    def stack(self, lumen: str = "lumen", first: int | None = None, last: int | None = None) -> Stack:
+        """Return the outlines of skin, bones and a vein in slices `first` to `last`, by default all that have the vein.
+
+        Args:
+            lumen: name of the vein; other veins count as tissue.
+
+        Raises:
+            GeometryError: a part is missing from a slice or cannot be outlined.
+        """
+        there = self.slices_of(lumen)
+        chosen = range(there.start if first is None else first, (there.stop - 1 if last is None else last) + 1)
+        if not len(chosen) or chosen.start < 0 or chosen.stop > len(self.numbers):
+            raise GeometryError(
+                f"there are no slices {chosen.start} to {chosen.stop - 1}: the image has 0 to {len(self.numbers) - 1}"
+            )
+        if len(chosen) < FEWEST:
+            raise GeometryError(
+                f"'{lumen}' lies in slices {chosen.start} to {chosen.stop - 1}: a lofted calf needs {FEWEST}, label it "
+                "in more"
+            )
+        labels = {name: lumen if name == "lumen" else name for name in PARTS}
+        outlines = {name: tuple(self.outline(title, k) for k in chosen) for name, title in labels.items()}
+        return Stack(outlines, tuple(map(float, self.heights[chosen.start : chosen.stop])), chosen.start)
+
+    def calf(
+        self, lumen: str = "lumen", first: int | None = None, last: int | None = None, **more: Any
+    ) -> LoftedCalf:  # fmt: skip
+        """Return the calf segment through slices, with one vein; arguments as of `stack`, and `more`: e.g. `mesh`.
+
+        Raises:
+            GeometryError: slices are missing or cannot be outlined, or the stack makes no calf.
+        """
+        stack = self.stack(lumen, first, last)
+        return LoftedCalf(heights=stack.heights, first_slice=stack.first, **{**stack.outlines, **more})
+
     @property
     def _pixel_area(self) -> float:
         return self.spacing[0] * self.spacing[1]
@@ -295,11 +328,26 @@ class LabelMap:
         return name in self.labels and bool(np.any(self.numbers[number] == self.labels[name]))
 
     def _mask(self, name: str, number: int) -> Mask:
-        """Return the pixels inside the outline of a part: of the skin all, of the fat what it surrounds (fascia)."""
+        """Return the pixels inside the outline of a part: of the skin all, of the fat what it surrounds (fascia).
+
+        Of a compartment also the next pixels of bones and veins, but not those next to another compartment.
+        """
         layer, mine = self.numbers[number], self._number(name)
         if name in ("skin", "fat"):
             body = np.asarray(binary_fill_holes(np.isin(layer, list(self.labels.values()))))
             return body & (layer != mine) if name == "fat" else body
+        if name in COMPARTMENTS:
+            others = [self.labels[other] for other in COMPARTMENTS if other != name and other in self.labels]
+            inner = [n for other, n in self.labels.items() if _kind(other) in ("tibia", "fibula", "lumen")]
+            grown = binary_dilation(layer == mine, iterations=OVERLAP) & np.isin(layer, [mine, *inner])
+            apart = binary_fill_holes(grown & ~binary_dilation(np.isin(layer, others), iterations=SEPTUM))
+            apart = binary_opening(apart, iterations=BLUNT)  # wedges along a bone could not be meshed
+            whole = layer == mine
+            if label(whole, structure=np.ones((3, 3)))[1] > 1:
+                return np.asarray(whole)  # for the sentence about pieces
+            # what others cut off at its corners is septum
+            pieces, _ = label(apart)
+            return np.asarray(pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:])) if apart.any() else whole
         return np.asarray(binary_fill_holes(layer == mine))
 
     def _smooth(self, mask: Mask) -> Array:
@@ -339,6 +387,33 @@ class LabelMap:
 def _polygon_area(ring: Array) -> float:
     x, y = ring.T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
+
+
+def read_image(path: Path) -> Any:
+    """Return the SimpleITK image (mm) in a file, or in a folder with one DICOM series, in the axes of the geometries.
+
+    Raises:
+        GeometryError: there is no such image, it is no volume, or slices are missing.
+    """
+    import SimpleITK as sitk  # noqa: N813 - its usual name
+
+    try:
+        image = _read_series(path) if path.is_dir() else sitk.ReadImage(str(path))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].split("ERROR: ")[-1]
+        raise GeometryError(f"'{path}' cannot be read as NIfTI, NRRD or another image: {reason}") from None
+    try:
+        return _oriented(image)
+    except GeometryError as error:
+        raise GeometryError(f"'{path}': {error}") from None
+
+
+def _oriented(image: Any) -> Any:
+    import SimpleITK as sitk  # noqa: N813 - its usual name
+
+    if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
+        raise GeometryError("a label map has three dimensions and one number in each voxel: save it as a volume")
+    return sitk.DICOMOrient(image, AXES)
 
 
 def _read_series(folder: Path) -> Any:

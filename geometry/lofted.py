@@ -13,9 +13,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from scipy.interpolate import BSpline, make_interp_spline
 
 from geometry.extrusion import extrude
+from geometry.loft import Loft, coefficients
 from geometry.plane import Circle, Ring, SectionMesh, even_angles, fill_vein
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.outline import Outline
@@ -23,10 +23,6 @@ from ngfsi.section import Section
 from ngfsi.units import Length
 
 Array = NDArray[np.float64]
-
-SAMPLES = 128
-DEGREE = 3
-ROUNDING = 1e-9
 
 
 class LoftedMesh(Section):
@@ -47,6 +43,7 @@ class LoftedVein(Section):
     refusal: ClassVar[type[NgfsiError]] = GeometryError
     solids: ClassVar[tuple[str, ...]] = ()
     fluid: ClassVar[str] = "fluid"
+    guarded: ClassVar[bool] = False
 
     outlines: tuple[Outline, ...] = Field(min_length=4, description="sections from distal to proximal")
     heights: tuple[Length, ...] = Field(description="their positions z")
@@ -114,66 +111,37 @@ class LoftedVein(Section):
         return CF((0, 0, 2 * (1 - ((x - x0) ** 2 + (y - y0) ** 2) / self.size**2)))
 
     @cached_property
-    def _splines(self) -> BSpline:
-        """Fourier coefficients -modes..modes of x + iy over z, as real and imaginary parts (2, 2 modes + 1)."""
-        stack = [_coefficients(outline, self.modes) for outline in self.outlines]
+    def _loft(self) -> Loft:
+        """The vein's surface, inlet included."""
+        stack = [coefficients(outline, self.modes) for outline in self.outlines]
         circle = np.zeros(2 * self.modes + 1, dtype=complex)
         circle[self.modes], circle[self.modes + 1] = complex(*self.outlines[0].centroid), self.size
         start, extent = self.heights[0], self.inlet_length
         # round for a third of the inlet, then over to the first section's shape by two thirds
         before = [(start - extent * (1 - s), _smooth(3 * s - 1)) for s in np.linspace(0, 1, 25)[:-1]]
         z = np.array([place for place, _ in before] + list(self.heights))
-        rows = np.array([(1 - share) * circle + share * stack[0] for _, share in before] + stack)
-        return make_interp_spline(z, np.stack([rows.real, rows.imag], axis=1), k=DEGREE)
-
-    def coefficients(self, z: Array) -> NDArray[np.complex128]:
-        """Return the Fourier coefficients (n, 2 modes + 1) of the sections at z [m]."""
-        parts = self._splines(z)
-        return np.asarray(parts[:, 0] + 1j * parts[:, 1])
+        return Loft(z, [(1 - share) * circle + share * stack[0] for _, share in before] + stack)
 
     def areas(self, z: Array) -> Array:
-        """Return the areas (n,) [m2] of the sections at z [m]: pi sum n |c_n|^2."""
-        orders = np.arange(-self.modes, self.modes + 1)
-        return np.asarray(pi * np.sum(orders * np.abs(self.coefficients(z)) ** 2, axis=1))
+        """Return the areas (n,) [m2] of the sections at z [m]."""
+        return self._loft.areas(z)
 
     @property
     def volume(self) -> float:
         """Volume [m3] of the stack, without the inlet."""
-        return self._volume(self.heights[0])
-
-    def _volume(self, start: float) -> float:
-        nodes, weights = np.polynomial.legendre.leggauss(8)
-        knots = np.unique(np.clip(self._splines.t, start, self.heights[-1]))
-        middle, half = (knots[1:] + knots[:-1]) / 2, np.diff(knots) / 2
-        at = (middle[:, None] + half[:, None] * nodes).ravel()
-        return float(np.sum(self.areas(at).reshape(len(half), -1) * weights * half[:, None]))
+        return self._loft.volume(self.heights[0])
 
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of the blood, inlet included."""
-        return {"fluid": self._volume(self.heights[0] - self.inlet_length)}
+        return {"fluid": self._loft.volume()}
 
     def shape_map(self) -> Any:
         """Return the displacement [m] from the round tube to the vein."""
         import ngsolve as ng
 
-        spline, start = self._splines, self.heights[0] - self.inlet_length
-        place = ng.z + start  # the tube begins at 0
-        zeta = ng.x / self.size, ng.y / self.size
-        knots = [float(t) for t in spline.t]
-        # NGSolve's splines vanish outside of their knots, also by rounding
-        knots[: DEGREE + 1] = [knots[0] - ROUNDING] * (DEGREE + 1)
-        knots[-DEGREE - 1 :] = [knots[-1] + ROUNDING] * (DEGREE + 1)
-        power: tuple[Any, Any] = (ng.CF(1.0), ng.CF(0.0))
-        moved: list[Any] = [-ng.x, -ng.y]
-        for n in range(self.modes + 1):
-            for sign in (1, -1) if n else (1,):
-                values = spline.c[:, :, self.modes + sign * n]
-                a, b = (ng.BSpline(DEGREE + 1, knots, list(map(float, part)))(place) for part in values.T)
-                # (a + i b) zeta^n, or its conjugate power
-                moved[0] += a * power[0] - sign * b * power[1]
-                moved[1] += b * power[0] + sign * a * power[1]
-            power = (power[0] * zeta[0] - power[1] * zeta[1], power[0] * zeta[1] + power[1] * zeta[0])
-        return ng.CF((moved[0], moved[1], start)).Compile()
+        start = self._loft.start  # the tube begins at 0
+        x, y = self._loft.position((ng.x / self.size, ng.y / self.size), ng.z + start)
+        return ng.CF((x - ng.x, y - ng.y, start)).Compile()
 
     def mesh_attempts(self) -> tuple[str, ...]:
         """Return the one way to mesh."""
@@ -191,17 +159,6 @@ class LoftedVein(Section):
         inlet = np.linspace(start, first, self.mesh.inlet_layers + 1)[:-1]
         heights = np.r_[inlet, np.linspace(first, self.heights[-1], self.mesh.layers + 1)]
         return extrude(section, heights - start, {self.fluid: ("inlet", "outlet")}, split=False)
-
-
-def _coefficients(outline: Outline, modes: int) -> NDArray[np.complex128]:
-    """Return the Fourier coefficients of x + iy in the arc length, from the ray along x from the centroid on."""
-    ring = outline.resampled(8 * SAMPLES) - outline.centroid
-    angles = np.unwrap(np.arctan2(ring[:, 1], ring[:, 0]))
-    arc = outline.length * np.arange(len(ring)) / len(ring)
-    start = np.interp(2 * pi * np.ceil(angles[0] / (2 * pi)), angles, arc, period=None)
-    points = outline.at(start + outline.length * np.arange(SAMPLES) / SAMPLES)
-    found = np.fft.fft(points[:, 0] + 1j * points[:, 1]) / SAMPLES
-    return np.asarray(np.r_[found[-modes:], found[: modes + 1]])
 
 
 def _smooth(t: float) -> float:

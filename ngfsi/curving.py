@@ -9,12 +9,30 @@ them, inside by the finite elements' own continuation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from ngsolve import BND, EDGE, CoefficientFunction, GridFunction, NodeId, Projector, Region, VectorH1, x, y, z
+from ngsolve import (
+    BND,
+    EDGE,
+    BilinearForm,
+    BitArray,
+    CoefficientFunction,
+    Grad,
+    GridFunction,
+    InnerProduct,
+    NodeId,
+    Projector,
+    Region,
+    VectorH1,
+    dx,
+    specialcf,
+    x,
+    y,
+    z,
+)
 from numpy.typing import NDArray
 
 EDGE_FACTOR = -8.0
@@ -47,9 +65,42 @@ class EdgeBulges:
         return shape
 
 
-def reference_shape(
-    mesh: Any, boundaries: Sequence[str], order: int, shape_map: CoefficientFunction | EdgeBulges | None
-) -> Any:
+@dataclass(frozen=True)
+class BoundaryMotion:
+    """A displacement [m] of boundaries across z, in the coordinates of the curved mesh; the mesh between follows.
+
+    It follows as an elastic solid that is the stiffer the smaller the elements: by Laplace's equation elements between
+    bodies that move apart turn inside out, with equal stiffness small ones beside large ones.
+
+    Attributes:
+        by_name: boundary -> displacement; boundaries that share an edge must agree there.
+    """
+
+    by_name: Mapping[str, CoefficientFunction]
+
+    def on(self, space: Any) -> Any:
+        """Return the displacement as a grid function of a vector-valued H1 space in three dimensions."""
+        motion = GridFunction(space)
+        given = BitArray(space.ndof)
+        given[:] = False
+        for name, field in self.by_name.items():
+            _overwrite_on_boundaries(motion, [name], field)
+            given |= space.GetDofs(Region(space.mesh, BND, name))
+        given[space.ndof // 3 * 2 : space.ndof] = True  # z
+        trial, test = space.TnT()
+        strain = Grad(trial) + Grad(trial).trans
+        form = BilinearForm(InnerProduct(strain, Grad(test)) / specialcf.mesh_size**2 * dx, symmetric=True)
+        stiffness = form.Assemble().mat
+        inverse = stiffness.Inverse(~given, inverse="sparsecholesky")
+        motion.vec.data -= inverse @ stiffness * motion.vec
+        return motion
+
+
+ShapeMap: TypeAlias = CoefficientFunction | EdgeBulges | BoundaryMotion
+"""From the curved mesh to the reference shape."""
+
+
+def reference_shape(mesh: Any, boundaries: Sequence[str], order: int, shape_map: ShapeMap | None) -> Any:
     """Return the displacement [m] from the straight mesh to the reference shape, a grid function.
 
     Args:
@@ -72,9 +123,12 @@ def reference_shape(
     shape.vec.data = curved.vec - straight.vec
     if shape_map is not None:
         mesh.SetDeformation(shape)
-        moved = GridFunction(space)
-        moved.Set(shape_map)
-        _overwrite_on_boundaries(moved, boundaries, shape_map)
+        if isinstance(shape_map, BoundaryMotion):
+            moved = shape_map.on(space)
+        else:
+            moved = GridFunction(space)
+            moved.Set(shape_map)
+            _overwrite_on_boundaries(moved, boundaries, shape_map)
         mesh.UnsetDeformation()
         shape.vec.data += moved.vec
     return shape

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import ClassVar, Self
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.interpolate import CubicSpline
 
+from ngfsi.columns import read_columns
+from ngfsi.complaint import key_error
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.outline import Outline
 from ngfsi.section import Section
@@ -18,8 +21,15 @@ from ngfsi.units import Length
 Array = NDArray[np.float64]
 
 
+PARTS = ("x", "y", "ux", "uy")
+
+
 class OutlineDisplacement(Section):
-    """Displacement (ux, uy) of points (x, y) of an outline, between them by periodic cubic splines of arc length."""
+    """Displacement (ux, uy) of points (x, y) of an outline, between them by periodic cubic splines of arc length.
+
+    Instead of the numbers a file may be named, `skin_displacement = {file = "skin.csv"}`, as `ngfsi register` writes
+    it. The resolved case holds the numbers.
+    """
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
 
@@ -27,6 +37,33 @@ class OutlineDisplacement(Section):
     y: tuple[Length, ...] = Field(min_length=4)
     ux: tuple[Length, ...]
     uy: tuple[Length, ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_file(cls, data: Any) -> Any:
+        """Take the columns of a file that is named in place of the numbers."""
+        if not isinstance(data, dict) or set(data) != {"file"}:
+            return data
+        try:
+            return cls.from_csv(Path(str(data["file"]))).to_toml_dict()
+        except NgfsiError as error:
+            raise key_error("file", f"is not accepted: {error}") from None
+
+    @classmethod
+    def from_csv(cls, path: Path) -> Self:
+        """Return the displacement in a CSV file with columns x, y, ux, uy, each with its unit: `x_mm`, `ux_mm` ...
+
+        Raises:
+            OutputError: the file cannot be read, or lacks a column.
+            GeometryError: the points make no outline.
+        """
+        columns = read_columns(path, dict.fromkeys(PARTS, "length"))
+        return cls(**{name: tuple(map(float, columns[name])) for name in PARTS})
+
+    def rows(self) -> list[dict[str, float]]:
+        """Return the rows of such a file, in SI."""
+        values = zip(*(getattr(self, name) for name in PARTS), strict=True)
+        return [{f"{name}_m": value for name, value in zip(PARTS, row, strict=True)} for row in values]
 
     @classmethod
     def between(cls, before: Array, after: Array) -> Self:

@@ -18,7 +18,7 @@ import numpy as np
 from ngsolve import BND, VOL, CoefficientFunction, Mesh, Region
 from numpy.typing import NDArray
 
-from ngfsi.curving import EdgeBulges
+from ngfsi.curving import ShapeMap
 from ngfsi.errors import MeshError, RegionError, unknown
 from ngfsi.meshing import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
 
@@ -70,7 +70,7 @@ class Geometry(Protocol):
     def inflow(self) -> CoefficientFunction:
         """Return the velocity of unit mean with which the fluid enters through the inlet of the reference shape."""
 
-    def shape_map(self) -> CoefficientFunction | EdgeBulges | None:
+    def shape_map(self) -> ShapeMap | None:
         """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""
 
     def exact_volumes(self) -> dict[str, float]:

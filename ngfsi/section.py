@@ -53,6 +53,12 @@ class Section(BaseModel):
     # (pydantic's own RootModel does the same): their errors then carry the whole key path.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
+    def __eq__(self, other: object) -> bool:
+        """Compare types and values; pydantic's own compares what properties have cached, too."""
+        if type(self) is not type(other):
+            return NotImplemented
+        return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
+
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], source: str = "") -> Self:
         """Return the section written in `data`, e.g. a parsed TOML file; `source` names the file in errors."""

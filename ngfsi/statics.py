@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import pairwise
+
+import ngsolve as ng
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse.linalg import ArpackError, eigs
 
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
 from ngfsi.curves import PressureConstant
@@ -72,6 +78,53 @@ def load_path(case: Case, shares: Sequence[float], domain: Domain | None = None)
     for share, until in pairwise((0.0, *shares)):
         _carry(system, newton, share, until)
         yield system
+
+
+@dataclass(frozen=True)
+class SoftestMode:
+    """The motion that a system in equilibrium resists least.
+
+    Attributes:
+        stiffness: its stiffness over that of shear alone in the tissue's initial modulus, 0 at a buckling load.
+        place: (x, y) of the vertex that moves most, m.
+    """
+
+    stiffness: float
+    place: tuple[float, float]
+
+
+def softest_mode(system: System) -> SoftestMode:
+    """Return the lowest eigenvalue of the tangent stiffness against the integral of G grad u : grad v, and its mode.
+
+    From order 3 on interior unknowns follow the others, and count in the integral no more than those say.
+
+    Raises:
+        SolverError: no eigenvalue was found.
+    """
+    tangent, space, domain = system.tangent, system.unknowns.space, system.domain
+    free = system.unknowns.free() & np.array(list(space.FreeDofs(tangent.condense)))
+    tangent.AssembleLinearization(system.state.vec)
+    shear = ng.BilinearForm(space, check_unused=False)
+    trial, test = (parts[0] for parts in space.TnT())
+    for name in domain.geometry.solids:
+        modulus = system.case.materials.law_of(name).shear_modulus
+        shear += modulus * ng.InnerProduct(ng.Grad(trial), ng.Grad(test)) * domain.dx(name)
+    shear.Assemble()
+    chosen = np.flatnonzero(free)
+    matrices = (csr_matrix(tuple(map(np.array, form.mat.CSR())), shape=2 * (space.ndof,)) for form in (tangent, shear))
+    stiffness, mass = (csc_matrix(matrix[chosen][:, chosen]) for matrix in matrices)
+    try:
+        values, modes = eigs(stiffness, k=2, M=mass, sigma=0.0, v0=np.ones(len(chosen)))
+    except (ArpackError, RuntimeError) as error:
+        raise SolverError(f"no softest mode was found: {error}") from None
+    lowest = int(np.argmin(values.real))
+    whole = np.zeros(space.ndof)
+    whole[chosen] = modes[:, lowest].real
+    # the first functions of each component are those of the vertices
+    size, vertices = space.components[0].ndof // domain.mesh.dim, domain.mesh.nv
+    moved = np.hypot(whole[:vertices], whole[size : size + vertices])
+    x, y = domain.mesh.vertices[int(np.argmax(moved))].point[:2]
+    return SoftestMode(float(values[lowest].real), (float(x), float(y)))
 
 
 def _carry(system: System, newton: Newton, share: float, until: float) -> None:

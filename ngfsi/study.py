@@ -14,8 +14,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing import get_context
 from pathlib import Path
 
 import ngfsi
@@ -31,6 +33,9 @@ from ngfsi.run import resume, run
 
 PATIENCE = (30.0, 30.0)
 """Seconds that an interrupted run has to end after its step, and then, asked again, at once, before it is killed."""
+
+THREADS = ("NGS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+"""Variables of the environment from which NGSolve and MKL take the number of threads."""
 
 HASH = 16
 """Digits of the hash of a case that name the folder of its run."""
@@ -83,6 +88,23 @@ def run_cases(
             outcomes[key] = outcome
             watch.finished(key, outcome.failure)
     return {key: outcomes[key] for key in cases}
+
+
+@contextmanager
+def workers() -> Iterator[Executor]:
+    """Let functions of modules be computed in as many processes as there are processors, with one thread each.
+
+    What they take and return goes from process to process, and so do no systems or meshes.
+    """
+    before = dict(os.environ)
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    pool = ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn"))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+        os.environ.clear()
+        os.environ.update(before)
 
 
 @dataclass(frozen=True)
@@ -303,14 +325,15 @@ def _compute(
     """Run a case, given as the text of its file, in a child process, noted in `children`.
 
     Returns its exit code and what it said on standard error.
-
-    NGSolve and MKL take the number of threads from the environment.
     """
     request = folder.with_name(f"{folder.name}.{CASE}")
     request.write_text(case, encoding="utf-8")
     command = [sys.executable, "-m", "ngfsi.study", str(request), str(folder)]
-    numbers = dict.fromkeys(("NGS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), str(threads))
-    environment = os.environ | numbers | {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
+    environment = (
+        os.environ
+        | dict.fromkeys(THREADS, str(threads))
+        | {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
+    )
     # a session of its own keeps the terminal's Ctrl-C from it, which `_compute_all` passes on once
     child = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
     if children is not None:

@@ -31,6 +31,7 @@ from ngfsi.calibrate.section import (
 from ngfsi.case import Case, Conditions, Materials
 from ngfsi.displacement import OutlineDisplacement
 from ngfsi.domain import Domain
+from ngfsi.errors import SolverError
 from ngfsi.materials import MooneyRivlin, load_set
 from ngfsi.outline import Outline
 from ngfsi.output.disk import explained, replace_file
@@ -55,6 +56,8 @@ LANDMARK_NOISE = 0.3e-3
 SEED = 4
 MODULI = (5e3, 10e3, 20e3, 40e3, 80e3, 160e3, 320e3, 640e3)
 STRESS_NOISE = 94.54
+PRESSURE_STEP = 1.25
+"""From one trial of a pressure to the next."""
 
 
 class Level(NamedTuple):
@@ -122,6 +125,46 @@ def materials(bulk: float) -> Materials:
     assert isinstance(law, MooneyRivlin)
     tissue = law.replace(K=bulk, label="Mooney-Rivlin")
     return Materials(tissue=tissue, wall=tissue)
+
+
+@dataclass(frozen=True)
+class Closing:
+    """How the printed loss of a vein's area comes about with the printed K, from a pressure on the skin.
+
+    Attributes:
+        target: printed loss, as a share.
+        pressure: on the skin, Pa: where the loss is the printed one, or the largest with an equilibrium.
+        vein, calf: losses of area there.
+    """
+
+    target: float
+    pressure: float
+    vein: float
+    calf: float
+
+    @property
+    def reached(self) -> bool:
+        """Whether the vein loses the printed share."""
+        return self.vein >= self.target
+
+
+def closing(truth: Truth, target: float) -> Closing:
+    """Raise the pressure until the vein loses a share of its area, and return the place, interpolated."""
+    geometry: CalfSection = truth.model.case.geometry
+    before = Closing(target, truth.pressure, truth.vein, truth.calf)
+    while not before.reached:
+        try:
+            probe = truth.model(PRESSURE_STEP * before.pressure)
+        except SolverError:
+            break
+        vein, calf = vein_loss(geometry)(probe), area_loss("skin", geometry.skin.area)(probe)
+        now = Closing(target, PRESSURE_STEP * before.pressure, vein, calf)
+        if now.reached:
+            share = (target - before.vein) / (now.vein - before.vein)
+            mixed = [a + share * (b - a) for a, b in ((before.pressure, now.pressure), (before.calf, now.calf))]
+            return Closing(target, mixed[0], target, mixed[1])
+        before = now
+    return before
 
 
 def mooney_rivlin(case: Case) -> MooneyRivlin:
@@ -297,6 +340,8 @@ def write_report(
         _points(found[0].model.case.geometry.skin),
         "## Loss of area over the bulk modulus",
         _moduli(folder, found),
+        "## What the printed losses of the veins would need",
+        _closings(found),
         "## The same bulk modulus in other sections",
         _transfer(found),
         "## The printed statistics, recomputed",
@@ -383,6 +428,27 @@ def _moduli(folder: Path, found: Sequence[Recovered]) -> str:
         "larger for the vein to take it. The study's displacements are not uniform, its section had more veins, and "
         "its sections are not known: which of these closes the gap cannot be told from the printed numbers. At the "
         "printed K that loss of area takes only a few mmHg on the skin."
+    )
+
+
+def _closings(found: Sequence[Recovered]) -> str:
+    rows, ratios = [], []
+    for f in found:
+        c = closing(f.truth, PRINTED["area_reduction_simulated_percent"][f.subject - 1][0] / 100)
+        ratios.append(c.calf / f.truth.calf)
+        rows.append((
+            str(f.subject), f"{100 * c.target:.1f}", f"{100 * c.vein:.1f}" + ("" if c.reached else " at most"),
+            f"{from_si(c.pressure, 'mmHg'):.1f}", f"{100 * c.calf:.1f}", f"{100 * f.truth.calf:.2f}",
+            f"{ratios[-1]:.1f}",
+        ))  # fmt: skip
+    head = ("subject", "vein printed, %", "vein computed, %", "skin pressure, mmHg", "calf loses there, %",
+            "calf measured, %", "ratio")  # fmt: skip
+    return markdown_table(head, rows) + (
+        "\nWith the printed K, the pressure on the skin that closes the vein as printed (or the largest that still has "
+        f"an equilibrium) makes the calf lose {min(ratios):.1f} to {max(ratios):.1f} times the measured area. "
+        "Printed loss of the vein, printed loss of the calf and printed K do not go together under plane strain in "
+        "these sections; a displacement of the skin that is uneven enough to fold the vein, tissue that flows out of "
+        "the plane, or empty veins beside this one would have to make up for it."
     )
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,8 +28,8 @@ from ngfsi.output.disk import explained, replace_file
 from ngfsi.output.figures import FieldMap, Line, field_maps, lines
 from ngfsi.output.summary import console
 from ngfsi.output.table import write_rows
-from ngfsi.statics import equilibrium, load_path, section_case
-from ngfsi.study import markdown_table
+from ngfsi.statics import SoftestMode, equilibrium, load_path, section_case, softest_mode
+from ngfsi.study import markdown_table, workers
 from ngfsi.units import from_si, to_si
 
 PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_text())["plane_sections"]
@@ -39,6 +41,8 @@ MODELS = {
 }
 STRAINS = ("small", "finite")
 DENSITY = 1060.0
+AGREEMENT = 0.01
+"""Reductions of area of two orders that differ by less count as converged."""
 DRAWN = 3
 """Subjects up to this number are drawn over the load."""
 
@@ -52,8 +56,10 @@ class Level(NamedTuple):
 
 
 LEVELS = {"demo": Level(3, 1.0), "paper": Level(4, 0.8), "fine": Level(5, 0.6)}
+MARK = "\u2020"
+"""Stands behind numbers that are not converged."""
 SHARES = {"small": (0.5, 1.0), "finite": (0.25, 0.5, 0.625, 0.75, 0.875, 1.0)}
-"""Shares of the loads on the way: at finite strain the vein may buckle on it."""
+"""Shares of the loads on the way: at finite strain the vein becomes soft on it."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,8 @@ class Finding:
         vein_share: the vein's part of the calf's loss.
         pressure, pressure_wall: mean over the vein's outline on either side, Pa.
         map, outlines: for pictures; outlines of skin and lumen at rest, m.
-        path: shares of the loads and the vein's reduction of area there.
+        path: shares of the loads and the vein's reduction of area there; `coarse`: with one order less, if computed.
+        modes: at finite strain, the softest motion at each of these shares.
         failure: why the path ended early, if it did; the numbers are then those of its last state.
     """
 
@@ -81,7 +88,21 @@ class Finding:
     map: SectionMap | None = None
     outlines: tuple[Any, ...] = ()
     path: tuple[tuple[float, float], ...] = ()
+    coarse: tuple[tuple[float, float], ...] | None = None
+    modes: tuple[SoftestMode, ...] = ()
     failure: str = ""
+
+    @property
+    def settled(self) -> tuple[float, float]:
+        """Largest share of the loads up to which both orders agree, and the vein's reduction of area there."""
+        both = zip(self.path, self.path if self.coarse is None else self.coarse, strict=False)
+        agreeing = takewhile(lambda pair: abs(pair[0][1] - pair[1][1]) < AGREEMENT, both)
+        return max((here for here, _ in agreeing), default=(0.0, 0.0))
+
+    @property
+    def converged(self) -> bool:
+        """Whether the whole path was found, and is the same with the next lower order."""
+        return not self.failure and self.settled == self.path[-1]
 
 
 def section(number: int, level: Level) -> CalfSection:
@@ -109,17 +130,34 @@ def case(geometry: CalfSection, model: str, strain: str, skin: float | None = No
     )
 
 
-def find(number: int, model: str, strain: str, domain: Domain, geometry: CalfSection) -> Finding:
+def find(number: int, model: str, strain: str, domain: Domain, geometry: CalfSection,
+         shares: Sequence[float]) -> Finding:  # fmt: skip
     """Compute one subject in one model, as far as its equilibrium can be followed."""
-    shares, path, failure = SHARES[strain], [], ""
+    path, modes, failure = [], [], ""
     try:
         for share, system in zip(shares, load_path(case(geometry, model, strain), shares, domain), strict=True):
             probe = PlaneSectionProbe(system)
             path.append((share, 1 - probe.enclosed_area("lumen") / geometry.veins[0].lumen.area))
             state = _measures(probe, geometry, domain)
+            if strain == "finite":
+                modes.append(softest_mode(system))
     except SolverError as error:
         failure = str(error)
-    return Finding(number, model, strain, path=tuple(path), failure=failure, **(state if path else {}))
+    return Finding(
+        number, model, strain, path=tuple(path), modes=tuple(modes), failure=failure, **(state if path else {})
+    )
+
+
+def with_less(finding: Finding, domain: Domain, geometry: CalfSection, shares: Sequence[float]) -> Finding:
+    """Return a finding together with the path that a lower order gives, on whose domain and geometry that is."""
+    coarse: list[tuple[float, float]] = []
+    with suppress(SolverError):
+        for share, system in zip(
+            shares, load_path(case(geometry, finding.model, finding.strain), shares, domain), strict=True
+        ):
+            loss = 1 - PlaneSectionProbe(system).enclosed_area("lumen") / geometry.veins[0].lumen.area
+            coarse.append((share, loss))
+    return replace(finding, coarse=tuple(coarse))
 
 
 def _measures(probe: PlaneSectionProbe, geometry: CalfSection, domain: Domain) -> dict[str, Any]:
@@ -159,18 +197,29 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     chosen = LEVELS[level]
     findings: list[Finding] = []
     needed: dict[int, float] = {}
-    for number in chosen.subjects:
-        geometry = section(number, chosen)
-        domain = Domain.build(geometry)
-        for strain in STRAINS:
-            for model in MODELS:
-                findings.append(find(number, model, strain, domain, geometry))
-                if not quiet:
-                    console().print(_line(findings[-1]))
-        needed[number] = pressure_needed(
-            domain, geometry, PRINTED["vein_area_reduction_percent"]["measured"][number - 1] / 100
-        )
+    count = len(chosen.subjects)
+    with workers() as pool:
+        for number, (found, pressure) in zip(
+            chosen.subjects, pool.map(one_subject, chosen.subjects, [chosen] * count, [SHARES] * count), strict=True
+        ):
+            findings += found
+            needed[number] = pressure
+            if not quiet:
+                console().print("\n".join(map(_line, found)))
     return write_report(level, folder, findings, needed)
+
+
+def one_subject(number: int, level: Level, shares: Mapping[str, Sequence[float]]) -> tuple[list[Finding], float]:
+    """Compute one subject in all models, and the pressure (Pa) that plane strain would need."""
+    geometry, lower = section(number, level), section(number, level._replace(order=level.order - 1))
+    domain, coarse = Domain.build(geometry), Domain.build(lower)
+    found = []
+    for strain in STRAINS:
+        for model in MODELS:
+            one = find(number, model, strain, domain, geometry, shares[strain])
+            found.append(with_less(one, coarse, lower, shares[strain]) if strain == "finite" else one)
+    measured = PRINTED["vein_area_reduction_percent"]["measured"][number - 1] / 100
+    return found, pressure_needed(domain, geometry, measured)
 
 
 def write_report(level: str, folder: Path, findings: Sequence[Finding], needed: Mapping[int, float]) -> Path:
@@ -192,6 +241,8 @@ def write_report(level: str, folder: Path, findings: Sequence[Finding], needed: 
         orderings(findings),
         "## Small against finite strain",
         _strains(findings),
+        "## Where the vein becomes soft",
+        _softness(folder, findings),
         "## Pressure that plane strain would need",
         _needed(needed),
         "## What the numbers say",
@@ -211,7 +262,8 @@ def _row(f: Finding) -> dict[str, float | str]:
         "vein_area_reduction_1": f.vein, "calf_area_reduction_1": f.calf,
         "deep_posterior_area_reduction_1": f.deep_posterior, "vein_share_of_calf_loss_1": f.vein_share,
         "p_tissue_side_Pa": f.pressure, "p_wall_side_Pa": f.pressure_wall,
-        "share_of_load_1": f.path[-1][0] if f.path else 0.0, "failure": f.failure,
+        "share_of_load_1": f.path[-1][0] if f.path else 0.0, "converged_up_to_share_1": f.settled[0],
+        "failure": f.failure,
     }  # fmt: skip
 
 
@@ -243,12 +295,11 @@ def _claims(findings: Sequence[Finding]) -> str:
     rows = []
     for title, (key, factor, value) in QUANTITIES.items():
         for model in MODELS:
-            computed = [
-                _spread(
-                    [factor * value(f) for f in findings if (f.model, f.strain) == (model, strain) and not f.failure]
-                )
-                for strain in STRAINS
-            ]
+            computed = []
+            for strain in STRAINS:
+                these = [f for f in findings if (f.model, f.strain) == (model, strain) and not f.failure]
+                mark = "" if all(f.converged for f in these) else f" {MARK}"
+                computed.append(_spread([factor * value(f) for f in these]) + mark)
             rows.append((title, model, _printed(PRINTED.get(key, {}).get(model)), *computed))
     head = (
         "quantity",
@@ -258,6 +309,8 @@ def _claims(findings: Sequence[Finding]) -> str:
     )
     measured = PRINTED["vein_area_reduction_percent"]["measured"]
     note = (
+        f"\n{MARK}: not converged at full load in some subjects, two orders differ; see 'Where the vein becomes "
+        "soft'.\n"
         f"\nMeasured in the study's images: vein {np.mean(measured):.1f} % ({min(measured):g} to {max(measured):g}), "
         f"calf {_printed(PRINTED['calf_area_reduction_percent']['measured'])} %, deep posterior compartment "
         f"{_printed(PRINTED['deep_posterior_area_reduction_measured_percent'])} %; all deep veins together "
@@ -295,7 +348,11 @@ def orderings(findings: Sequence[Finding]) -> str:
                 f"{len(kept)} of {len(by_subject)}" + ("" if len(kept) in (0, len(by_subject)) else f": {kept}")
             )
         rows.append((text, *cells))
-    return markdown_table(("the study's ordering", *(f"holds, {strain} strain" for strain in STRAINS)), rows)
+    note = f"\n{MARK}: counts values that are not converged."
+    marks = {s: "" if all(f.converged for f in findings if f.strain == s) else f" {MARK}" for s in STRAINS}
+    return markdown_table(("the study's ordering", *(f"holds, {s} strain{marks[s]}" for s in STRAINS)), rows) + (
+        note if any(marks.values()) else ""
+    )
 
 
 def models_by_subject(findings: Sequence[Finding], strain: str) -> dict[int, dict[str, Finding]]:
@@ -315,21 +372,66 @@ def _strains(findings: Sequence[Finding]) -> str:
             for number, models in models_by_subject(findings, "finite").items()
             if (small := models_by_subject(findings, "small").get(number))
         ]
+        mark = "" if all(b.converged for _, b in pairs) else f" {MARK}"
         rows.append((
             model,
-            _spread([100 * (b.vein - a.vein) for a, b in pairs]),
-            _spread([100 * (b.calf - a.calf) for a, b in pairs]),
-            _spread([(b.pressure - a.pressure) / 1e3 for a, b in pairs]),
+            _spread([100 * (b.vein - a.vein) for a, b in pairs]) + mark,
+            _spread([100 * (b.calf - a.calf) for a, b in pairs]) + mark,
+            _spread([(b.pressure - a.pressure) / 1e3 for a, b in pairs]) + mark,
         ))  # fmt: skip
     head = ("model", "vein, percentage points", "calf, percentage points", "pressure, kPa")
     text = (
         "\nFinite minus small strain at full load, over the subjects that reach it: mean (range). A calf that loses a "
-        "quarter of its area is not at small strain; and a vein that is free to leave the plane buckles, which linear "
-        "elasticity cannot show: see the bends in the figure of its loss of area over the load. Past the bend the "
-        "result depends on mesh and order, before it does not: compare the levels."
+        "quarter of its area is not at small strain; and where tissue is free to leave the plane the vein becomes soft "
+        "under load and closes the faster, which linear elasticity cannot show: see the bends in the figure of its "
+        f"loss of area over the load. {MARK}: not converged."
     )
     failed = "".join(f"\n- {_line(f)}" for f in findings if f.failure)
     return markdown_table(head, rows) + text + ("\n" + failed if failed else "")
+
+
+def _softness(folder: Path, findings: Sequence[Finding]) -> str:
+    load, rows = PRINTED["skin_pressure_mmHg"], []
+    finite = [f for f in findings if f.strain == "finite" and f.modes]
+    for f in finite:
+        lumen = subject(f.subject).veins[0].lumen
+        away = float(np.linalg.norm(np.array(f.modes[-1].place) - lumen.centroid)) / np.sqrt(lumen.area / np.pi)
+        full = " / ".join(
+            f"{100 * path[-1][1]:.1f}" if path and path[-1][0] == 1 else "none" for path in (f.path, f.coarse or ())
+        )
+        share, loss = f.settled
+        rows.append((
+            f"{f.subject}, {f.model}", f"{load * share:.0f}", f"{100 * loss:.1f}",
+            full + ("" if f.converged else f" {MARK}"),
+            f"{f.modes[-1].stiffness / f.modes[0].stiffness:.2f}", f"{away:.1f}",
+        ))  # fmt: skip
+    panels = {
+        f"model {model}": [
+            Line(f"subject {f.subject}", [load * share for share, _ in f.path], [m.stiffness for m in f.modes], "o-")
+            for f in finite
+            if f.model == model
+        ]
+        for model in MODELS
+    }
+    labels = ("pressure on the skin [mmHg], blood in proportion", "stiffness of the softest motion over shear [1]")
+    lines(panels, labels, folder / "softest.png")
+    head = ("subject, model", "converged up to, mmHg", "vein loses there, %", "at full load, order k / k - 1, %",
+            "softest motion, stiffness over that at the first load", "its place, vein radii from the axis")  # fmt: skip
+    positive = min(m.stiffness for f in finite for m in f.modes) > 0
+    return (
+        "![stiffness of the softest motion](softest.png)\n\n"
+        + markdown_table(head, rows)
+        + "\nThe softest motion is the lowest eigenvalue of the tangent stiffness against the integral of G grad u : "
+        "grad v, G the initial shear modulus: 0 means buckling. "
+        + (
+            "It stays positive on all paths: no load is a bifurcation, the section has no symmetry to lose. "
+            if positive
+            else "It reaches 0 on some paths: there the equilibrium is lost. "
+        )
+        + "Where it falls to a small part of its first value, what the discretisation leaves out moves the vein by as "
+        "many times more, and the orders part: converged means that they agree within "
+        f"{100 * AGREEMENT:g} percentage points of the vein's area."
+    )
 
 
 def _needed(needed: Mapping[int, float]) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from math import pi
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ from ngfsi.output.figures import Line, lines
 from ngfsi.output.summary import console
 from ngfsi.output.table import write_rows
 from ngfsi.rigid import SAME, Cycle, pulsatile, rigid_case, steady
-from ngfsi.study import markdown_table
+from ngfsi.study import markdown_table, workers
 from ngfsi.units import to_si
 from ngfsi.waveform import ensemble
 
@@ -200,13 +200,15 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     """Compute all veins and write report.md, results.csv and figures; return the report's path."""
     with explained(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
-    found = []
-    for subject in range(1, len(PRINTED["flow_ml_s"]["before"]) + 1):
-        for state in ("before", *LEVELS[level].shapes):
-            found.append(find(subject, state, LEVELS[level]))
+    chosen, found = LEVELS[level], []
+    states = list(product(range(1, len(PRINTED["flow_ml_s"]["before"]) + 1), ("before", *chosen.shapes)))
+    with workers() as pool:
+        cycle = pool.submit(over_cycles, chosen)
+        for f in pool.map(find, *zip(*states, strict=True), [chosen] * len(states)):
+            found.append(f)
             if not quiet:
-                console().print(f"subject {subject}, {state}: {found[-1].failure or f'{found[-1].mean:.3f} Pa'}")
-    return write_report(level, folder, found, over_cycles(LEVELS[level]))
+                console().print(f"subject {f.subject}, {f.state}: {f.failure or f'{f.mean:.3f} Pa'}")
+        return write_report(level, folder, found, cycle.result())
 
 
 def write_report(level: str, folder: Path, found: Sequence[Finding], cycle: Cycle) -> Path:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import SimpleITK as sitk  # noqa: N813 - its usual name
 
 from geometry.calf_section import subject
-from geometry.imaging import phantom
+from geometry.imaging import phantom, phantom_stack
+from ngfsi import cli
+from ngfsi.case import Conditions
 from ngfsi.displacement import OutlineDisplacement
 from ngfsi.errors import GeometryError
 from ngfsi.outline import Outline
@@ -71,3 +76,29 @@ def test_images_give_the_motion_of_the_skin() -> None:
     moved = probe + found(probe)
     gap = np.linalg.norm(after.at(after.nearest(moved)) - moved, axis=1)
     assert np.sqrt(np.mean(gap**2)) < 0.2e-3
+
+
+@pytest.mark.parametrize("kind", ["labels", "grey"])
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
+    """Two files to a CSV that is a condition: the skin moves onto that after, to a fifth of a pixel of 2 mm."""
+    one, after = subject(1), SKIN.offset(-2e-3)
+    parts = {"tibia": one.tibia, "fibula": one.fibula, "lumen": one.veins[0].lumen}
+    for name, skin in {"before": SKIN, "after": after}.items():
+        both = phantom_stack([{"skin": skin, **parts}] * 2, SKIN, 2e-3)
+        sitk.WriteImage(both[kind == "grey"], tmp_path / f"{name}.nii.gz")
+    files = [str(tmp_path / f"{name}.nii.gz") for name in ("before", "after")]
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["register", *files, "--slice", "1", "--output", str(tmp_path / "skin.csv")])
+    assert ended.value.code == 0, capsys.readouterr().err
+    condition = Conditions.from_dict({"skin_displacement": {"file": str(tmp_path / "skin.csv")}})
+    assert Conditions.from_dict(condition.to_toml_dict()) == condition
+    moved = condition.skin_displacement
+    assert moved is not None
+    probe = SKIN.resampled(24)
+    assert np.linalg.norm(moved(probe), axis=1).mean() == pytest.approx(2e-3, rel=0.15)
+    gap = np.linalg.norm(after.at(after.nearest(probe + moved(probe))) - probe - moved(probe), axis=1)
+    assert np.sqrt(np.mean(gap**2)) < 0.4e-3
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["register", *files, "--slice", "2"])
+    assert ended.value.code == 2
+    assert "there is no slice 2: the image has 0 to 1" in capsys.readouterr().err

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ngfsi.domain import Domain
 from ngfsi.outline import Outline
+from ngfsi.statics import load_path, softest_mode
 from studies import calibration, plane_sections, rigid_veins
 from studies.plane_sections import Finding, Level
 
@@ -35,15 +38,51 @@ def test_orderings() -> None:
     values = {"A": (0.4, 0.3, 3e3), "B": (0.5, 0.28, 2e3), "C": (0.2, 0.02, 5e3)}
     found = [Finding(n, m, "small", vein=v, calf=c, pressure=p) for n in (1, 2) for m, (v, c, p) in values.items()]
     found[3] = Finding(2, "A", "small", vein=0.6, calf=0.3, pressure=1e3)
+    found = [replace(f, path=((1.0, f.vein),)) for f in found]
     text = plane_sections.orderings(found)
     assert "| the vein loses more area in B than in A | 1 of 2: [1] | 0 of 0 |" in text
     assert "| the pressure over the vein's outline is higher in B than in A | 1 of 2: [2] |" in text
     assert "| the calf loses least in C | 2 of 2 |" in text
 
 
+def test_what_is_not_converged_is_marked() -> None:
+    """Two orders part at the third load: what holds is the second, and means over such findings carry a mark."""
+    path, coarse = ((0.5, 0.1), (0.75, 0.2), (1.0, 0.5)), ((0.5, 0.101), (0.75, 0.208), (1.0, 0.45))
+    parted = Finding(1, "A", "finite", vein=0.5, path=path, coarse=coarse)
+    assert (parted.settled, parted.converged) == ((0.75, 0.2), False)
+    # agreement by chance beyond a load at which the orders differ does not count
+    again = replace(parted, coarse=((0.5, 0.101), (0.75, 0.25), (1.0, 0.5)))
+    assert again.settled == (0.5, 0.1)
+    assert replace(parted, coarse=path).converged
+    assert "| A | 52.2" not in plane_sections._claims([again])
+    assert "50.00 (50.00 to 50.00) \u2020 |" in plane_sections._claims([again])
+    assert "\u2020 |" not in plane_sections._claims([replace(parted, coarse=path)])
+
+
+def test_softest_motion_scales_with_the_modulus_and_lies_at_the_vein() -> None:
+    """Moduli and loads a thousand times as large change nothing; under load the tissue at the vein grows soft."""
+    geometry = plane_sections.section(1, Level(2, 1.8, (1,)))
+    domain = Domain.build(geometry)
+    case = plane_sections.case(geometry, "A", "finite")
+    factor = 1000.0
+    harder = case.replace(**{
+        f"{name}.{key}": factor * value
+        for name, key, value in (
+            ("materials.tissue", "young", case.materials.tissue.young),
+            ("materials.wall", "young", case.materials.wall.young),
+            ("loads.skin_pressure", "value", case.loads.skin_pressure.value),
+            ("loads.outlet_pressure", "value", case.loads.outlet_pressure.value),
+        )
+    })  # fmt: skip
+    modes = [[softest_mode(s) for s in load_path(c, (0.05, 0.6), domain)] for c in (case, harder)]
+    for one, other in zip(*modes, strict=True):
+        assert one.stiffness == pytest.approx(other.stiffness, rel=1e-6)
+    assert 0 < modes[0][1].stiffness < 0.6 * modes[0][0].stiffness
+
+
 def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One coarse subject: in plane strain the calf loses a little less than a disc without bones and vein."""
-    monkeypatch.setitem(plane_sections.LEVELS, "demo", Level(2, 1.6, (1,)))
+    monkeypatch.setitem(plane_sections.LEVELS, "demo", Level(3, 1.8, (1,)))
     monkeypatch.setattr(plane_sections, "SHARES", {"small": (1.0,), "finite": (0.2,)})
     text = plane_sections.study("demo", tmp_path, quiet=True).read_text()
     with (tmp_path / "results.csv").open() as file:
@@ -52,7 +91,8 @@ def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.Monk
     assert 0.85 * disc < float(rows["C", "small"]["calf_area_reduction_1"]) < disc
     assert float(rows["A", "small"]["calf_area_reduction_1"]) > 10 * disc
     assert "| the vein loses least in C | 1 of 1 | 1 of 1 |" in text
-    for picture in ("displacement", "pressure", "load"):
+    assert float(rows["A", "finite"]["converged_up_to_share_1"]) == 0.2
+    for picture in ("displacement", "pressure", "load", "softest"):
         assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
 
 

@@ -23,6 +23,10 @@ MM = 1e3
 TETRA_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 """Between which corners VTK has its nodes 4 to 9; of the cube below, its nodes 8 to 19."""
 CUBE_EDGES = ((0, 1), (1, 2), (2, 3), (0, 3), (4, 5), (5, 6), (6, 7), (4, 7), (0, 4), (1, 5), (2, 6), (3, 7))
+WEDGE_EDGES = ((0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5), (0, 3), (1, 4), (2, 5))
+GMSH_WEDGE_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (3, 5), (4, 5))
+"""As in Gmsh's manual, section on node ordering."""
+WEDGE_QUADS = ((0, 1, 3, 4), (0, 2, 3, 5), (1, 2, 4, 5))
 CUBE_FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 
 
@@ -172,3 +176,34 @@ def test_refused_files(tmp_path: Path) -> None:
         ExternalMesh(**given, names=names, sha256=external.sha256)
     with pytest.raises(GeometryError, match="cannot be read as a mesh"):
         ExternalMesh(**given, names=names)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "kind"), [("vtu", "wedge15"), ("vtu", "wedge18"), ("msh", "wedge15"), ("msh", "wedge18")]
+)
+def test_wedge_of_second_order(tmp_path: Path, suffix: str, kind: str) -> None:
+    """A wedge under z -> z (1 + 4 a x (1 - x)), which its second-order cell has exactly: of the volume 1/2 + a / 3.
+
+    meshio turns wedge15 of Gmsh into VTK's order of nodes and back, and leaves wedge18 as Gmsh has it.
+    """
+    a, file = 0.3, tmp_path / f"wedge.{suffix}"
+    corners = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1.0)])
+    edges = GMSH_WEDGE_EDGES if (suffix, kind) == ("msh", "wedge18") else WEDGE_EDGES
+    parts = [*edges, *(WEDGE_QUADS if kind == "wedge18" else ())]
+    points = np.vstack([corners, [corners[list(part)].mean(axis=0) for part in parts]])
+    points[:, 2] *= 1 + 4 * a * points[:, 0] * (1 - points[:, 0])
+    rows = {
+        ("wall", kind): [list(range(len(points)))], ("skin", "triangle"): [[0, 1, 2], [3, 4, 5]],
+        ("skin", "quad"): [[0, 1, 4, 3], [1, 2, 5, 4], [2, 0, 3, 5]],
+    }  # fmt: skip
+    array = "gmsh:physical" if suffix == "msh" else "part"
+    raw, numbers = raw_mesh(points, rows, array)
+    if suffix == "msh":
+        raw.cell_data["gmsh:geometrical"] = raw.cell_data[array]
+        meshio.write(file, raw, file_format="gmsh22", binary=False)
+    else:
+        meshio.write(file, raw)
+    names = {str(k): name for name, k in numbers.items()}
+    domain = domain_of_file(ExternalMesh(file=str(file), unit="m", groups=array, names=names))
+    assert domain.geometry.curving_order == 2
+    assert domain.volume("wall") == pytest.approx(1 / 2 + a / 3, rel=1e-10)

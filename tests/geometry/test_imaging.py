@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
 
-from geometry.calf_section import subject
+from geometry.calf_section import COMPARTMENTS, subject
 from geometry.imaging import LABELS, PIXEL, SLICE, LabelMap, phantom_stack
 from ngfsi.errors import GeometryError
 from ngfsi.outline import Outline
+from tests.vein import domain_of
 
 ONE = subject(1)
 FRAME = Outline.circle(0.0, 0.0, 20e-3)
@@ -65,6 +66,22 @@ def test_section_to_phantom_to_section(tmp_path: Path) -> None:
         # a smooth outline: the stairs of the pixels would be 4 / pi times as long
         assert outline.length == pytest.approx(true.length, rel=0.03), name
     assert grey.GetPixel(40, 40, 0) == pytest.approx(100.0)
+
+
+def test_compartments_come_back() -> None:
+    """All four regions with their areas: each may lose a pixel along its border with another, which stays a septum."""
+    behind = ellipse(26e-3, 12e-3, -2e-3, -34e-3)
+    given = subject(1, superficial_posterior=behind)
+    parts = {name: getattr(given, name) for name in ("skin", "tibia", "fibula", *COMPARTMENTS)}
+    image = LabelMap.of_image(phantom_stack([{**parts, "lumen": given.veins[0].lumen}], given.skin)[0])
+    section = image.section(0)
+    assert set(section.solids) == {"tissue", "wall", *COMPARTMENTS}
+    found, true = domain_of(section), domain_of(given)
+    for name in COMPARTMENTS:
+        border = getattr(given, name).length * PIXEL
+        assert found.volume(name) == pytest.approx(true.volume(name), rel=0, abs=0.5 * border), name
+        assert found.volume(name) == pytest.approx(true.volume(name), rel=0.15), name
+    assert sum(map(found.volume, found.regions)) == pytest.approx(sum(map(true.volume, true.regions)), rel=5e-3)
 
 
 @pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha"])

@@ -1,0 +1,263 @@
+"""Lofted calf segments: exact volumes, developed flow, from a phantom and back, runs, refusals that name the slice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import pytest
+import SimpleITK as sitk  # noqa: N813 - its usual name
+
+from geometry.calf import CalfSegment
+from geometry.calf_section import subject
+from geometry.imaging import LABELS, LabelMap, phantom_stack
+from geometry.labelled import LabelledCalf
+from geometry.loft import coefficients, thickened
+from geometry.lofted_calf import PARTS, LoftedCalf
+from geometry.segment import MeshSettings
+from ngfsi import cli
+from ngfsi.case import Case
+from ngfsi.domain import Domain
+from ngfsi.errors import GeometryError
+from ngfsi.outline import Outline
+from ngfsi.output import open_run
+from ngfsi.run import run
+from ngfsi.section import Section
+from tests.geometry.test_imaging import voxel_error
+from tests.vein import domain_of
+
+COARSE = MeshSettings(
+    element="mixed", far_size=25e-3, vein_size=3.6e-3, axial_layers=1, lumen_radii=(0.6,), curving_order=2
+)
+LENGTH, COUNT = 10e-3, 6
+HEIGHTS = tuple(map(float, np.linspace(0, LENGTH, COUNT)))
+TAPERED = CalfSegment(length=LENGTH, skin_radius_distal=54e-3, skin_radius_proximal=56e-3, mesh=COARSE)
+
+
+def circles(calf: CalfSegment) -> dict[str, tuple[Outline, ...]]:
+    """Return the outlines of a tapered calf at HEIGHTS."""
+    a, b = calf.skin_radius_distal, calf.skin_radius_proximal
+    found = {bone.name: (Outline.circle(bone.x, bone.y, bone.radius, 64),) * COUNT for bone in calf.bones}
+    found["lumen"] = (Outline.circle(*calf.vein_centre, calf.lumen_radius, 64),) * COUNT
+    found["skin"] = tuple(Outline.circle(0, 0, a + (b - a) * z / LENGTH, 64) for z in HEIGHTS)
+    return found
+
+
+@cache
+def lofted() -> LoftedCalf:
+    return LoftedCalf(heights=HEIGHTS, mesh=COARSE, **circles(TAPERED))
+
+
+def ellipse(a: float, b: float, x: float, y: float, turn: float = 0.0) -> Outline:
+    t = 2 * pi * np.arange(96) / 96
+    shape = (a * np.cos(t) + 1j * b * np.sin(t)) * np.exp(1j * turn) + x + 1j * y
+    return Outline.through(np.column_stack([shape.real, shape.imag]))
+
+
+def test_lofts_of_circles_are_the_circular_calf() -> None:
+    """The taper, which is a polynomial there and a loft with Laplace's equation here, included."""
+    here, there = domain_of(lofted()), domain_of(TAPERED)
+    for name in there.regions:
+        assert here.volume(name) == pytest.approx(there.volume(name), rel=5e-4), name
+    for name in TAPERED.boundary_names:
+        # edges of second order have errors of a part in a thousand
+        assert here.area(name) == pytest.approx(there.area(name), rel=1.5e-3), name
+    assert here.area("inlet") == pytest.approx(pi * TAPERED.lumen_radius**2, rel=1e-4)
+    assert here.geometry.rigid_names == ("tibia", "fibula")
+
+
+def test_volumes_of_bent_and_turning_parts() -> None:
+    """Ellipses of one area at every height, moved and turned: volumes are areas times length, wherever they lie.
+
+    The outer area of the wall is, by Steiner's formula for parallel curves, that of the lumen + perimeter t + pi t^2.
+    """
+    s = np.linspace(-0.5, 0.5, COUNT)
+    skin = tuple(ellipse(54e-3, 49e-3, 3e-3 * q, 5e-3 + 2e-3 * q, 0.2 * q) for q in s)
+    tibia = tuple(ellipse(14e-3, 10e-3, -20e-3 + 2e-3 * q, 30e-3 + 3e-3 * q**2, 0.3) for q in s)
+    fibula = tuple(ellipse(7e-3, 6e-3, 20e-3 - 2e-3 * q, 10e-3 + 1e-3 * q, 0.0) for q in s)
+    lumen = tuple(ellipse(6e-3, 3.5e-3, 5e-3 + 4e-3 * q, -6e-3 - 2e-3 * q**2, 0.4 + 0.3 * q) for q in s)
+    mesh = COARSE.replace(curving_order=3, axial_layers=2, far_size=18e-3, vein_size=2.5e-3)
+    geometry = LoftedCalf(skin=skin, tibia=tibia, fibula=fibula, lumen=lumen, heights=HEIGHTS, mesh=mesh)
+    t, hole = geometry.wall_thickness, pi * 6e-3 * 3.5e-3
+    outer = hole + lumen[0].length * t + pi * t * t
+    exact = {"fluid": hole, "wall": outer - hole}
+    exact["tissue"] = pi * (54e-3 * 49e-3 - 14e-3 * 10e-3 - 7e-3 * 6e-3) - outer
+    domain = domain_of(geometry)
+    for name, area in exact.items():
+        assert geometry.exact_volumes()[name] == pytest.approx(area * LENGTH, rel=1e-3), name
+        assert domain.volume(name) == pytest.approx(area * LENGTH, rel=3e-3), name
+    assert domain.area("inlet") == pytest.approx(hole, rel=2e-3)
+    assert domain.statistics()["smallest_jacobian_ratio"] > 0.1
+    outwards = ng.CF((ng.x, ng.y, ng.z)) * ng.specialcf.normal(3)
+    body = [name for name in geometry.boundary_names if name not in ("interface", "wall_outer")]
+    flux = ng.Integrate(outwards * domain.ds(*body, bonus_intorder=6), domain.mesh)
+    assert flux == pytest.approx(3 * domain.volume(), rel=1e-8)  # no gaps, no overlaps
+
+
+def test_offset_of_a_series() -> None:
+    row = thickened(coefficients(Outline.circle(3e-3, 1e-3, 5e-3, 64), 4), 1e-3)
+    assert row[4] == pytest.approx(3e-3 + 1e-3j, abs=1e-9)
+    assert abs(row[5]) == pytest.approx(6e-3, rel=1e-6)
+
+
+def test_developed_flow_at_the_inlet() -> None:
+    """2 (1 - x^2 / a^2 - y^2 / b^2) in an ellipse; of unit mean and zero on the rim in other shapes, too."""
+    a, b, turn = 6e-3, 4e-3, 0.5
+    parts = circles(TAPERED) | {"lumen": (ellipse(a, b, 6e-3, -6e-3, turn),) * COUNT}
+    geometry = LoftedCalf(heights=HEIGHTS, mesh=COARSE, **parts)
+    flat = ng.Mesh(geometry.netgen_mesh())
+    points = np.array([[6e-3, -6e-3], [7e-3, -5e-3], [5e-3, -8e-3]]) - geometry_shift(geometry, (6e-3, -6e-3))
+    turned = ((points - geometry.vein_centre) @ [1, 1j]) * np.exp(-1j * turn)
+    exact = 2 * (1 - turned.real**2 / a**2 - turned.imag**2 / b**2)
+    values = [geometry.inflow()(flat(*point, 1e-3))[2] for point in points]
+    assert values == pytest.approx(exact, rel=2e-4)
+    x, y = ellipse(6e-3, 3.5e-3, 0.0, 0.0).points.T
+    bean = Outline.through(np.column_stack([5e-3 + x, -8e-3 + y + 60 * x * x]))
+    fine = COARSE.replace(curving_order=4, vein_size=1.5e-3)
+    curved = LoftedCalf(heights=HEIGHTS, mesh=fine, **(parts | {"lumen": (bean,) * COUNT}))
+    domain = domain_of(curved)
+    profile, inlet = curved.inflow()[2], domain.ds("inlet", bonus_intorder=6)
+    assert ng.Integrate(profile * inlet, domain.mesh) / domain.area("inlet") == pytest.approx(1.0, rel=1e-4)
+    rim = domain.ds("interface", bonus_intorder=4)
+    assert np.sqrt(ng.Integrate(profile**2 * rim, domain.mesh) / domain.area("interface")) < 2e-3
+
+
+def geometry_shift(geometry: LoftedCalf, centre: tuple[float, float]) -> np.ndarray:
+    """Return by how much a geometry's origin lies beside that of its outlines, known by the vein's centre."""
+    return np.array(centre) - geometry.vein_centre
+
+
+@pytest.fixture(scope="module")
+def label_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Label map of the tapered calf."""
+    parts = circles(TAPERED)
+    slices = [{name: parts[name][k] for name in PARTS} for k in range(COUNT)]
+    file = tmp_path_factory.mktemp("image") / "leg.nii.gz"
+    sitk.WriteImage(phantom_stack(slices, parts["skin"][-1])[0], file)
+    return file
+
+
+def test_phantom_to_calf(label_file: Path) -> None:
+    """Volumes within the error of areas counted in pixels, three standard deviations of their mean over the slices."""
+    geometry = LabelledCalf(file=str(label_file), mesh=COARSE)
+    assert LabelledCalf.from_dict(geometry.to_toml_dict()) == geometry
+    assert geometry.length == pytest.approx(LENGTH, rel=1e-9)
+    parts, true = circles(TAPERED), TAPERED.exact_volumes()
+    sigma = {name: 3 * LENGTH * voxel_error(parts[name][2]) / np.sqrt(COUNT) for name in PARTS}
+    errors = {"fluid": sigma["lumen"], "tissue": sum(sigma.values())}
+    domain = Domain.build(geometry, cache=False)
+    for name, error in errors.items():
+        assert geometry.exact_volumes()[name] == pytest.approx(true[name], rel=0, abs=error), name
+        assert domain.volume(name) == pytest.approx(true[name], rel=1e-3, abs=error), name
+    # the wall's thickness is given: its volume goes with the perimeter alone
+    assert geometry.exact_volumes()["wall"] == pytest.approx(true["wall"], rel=1e-2)
+    assert geometry.vein_centre == pytest.approx(TAPERED.vein_centre, abs=0.1e-3)
+
+
+def case_of(geometry: Section) -> Case:
+    written = Case.from_toml(Path(__file__).parents[2] / "studies" / "calf.toml").to_toml_dict()
+    written["geometry"] = {"type": f"{type(geometry).__module__}:{type(geometry).__qualname__}"}
+    written["geometry"] |= geometry.to_toml_dict()
+    return Case.from_dict(written).replace(**{
+        "name": "lofted", "loads.skin_pressure.duration": 0.1, "loads.skin_pressure.final": 1000.0, "time.step": 0.1,
+        "time.end": 0.1, "output.stations": 3,
+    })  # fmt: skip
+
+
+def area_loss(folder: Path) -> float:
+    area = open_run(folder).series["lumen_area_mean_m2"]
+    return float(1 - area[-1] / area[0])
+
+
+def test_runs_of_a_label_map_and_of_the_calf_it_shows(
+    label_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Through the command line, from a file that names the label map: the loss of area is that of the true calf.
+
+    With exact outlines the two differ by what the taper's map does inside of the tissue, with pixels by their error.
+    """
+    file = tmp_path / "lofted.toml"
+    file.write_text(case_of(LabelledCalf(file=str(label_file), mesh=COARSE)).to_toml())
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", str(file), "--output", str(tmp_path / "image"), "--quiet"])
+    assert ended.value.code == 0, capsys.readouterr().err
+    for name, geometry in {"true": TAPERED, "outlines": lofted()}.items():
+        run(case_of(geometry), tmp_path / name, quiet=True)
+    true = area_loss(tmp_path / "true")
+    assert true > 0.02
+    assert area_loss(tmp_path / "outlines") == pytest.approx(true, rel=2e-3)
+    assert area_loss(tmp_path / "image") == pytest.approx(true, rel=2e-2)
+    flow = open_run(tmp_path / "image").series["flow_in_m3_s"][-1]
+    assert flow == pytest.approx(2.913e-6, rel=1e-6)
+
+
+def changed(file: Path, change: Callable[[Any], None]) -> LabelMap:
+    image = LabelMap.read(file)
+    numbers = image.numbers.copy()
+    change(numbers)
+    return LabelMap(numbers, image.origin, image.spacing, image.labels)
+
+
+def test_refusals_name_the_slice(label_file: Path) -> None:
+    def without_fibula(numbers: Any) -> None:
+        numbers[4][numbers[4] == LABELS["fibula"]] = LABELS["skin"]
+
+    def without_lumen(numbers: Any) -> None:
+        numbers[3][numbers[3] == LABELS["lumen"]] = LABELS["skin"]
+
+    def moved(numbers: Any) -> None:
+        lumen = numbers[5] == LABELS["lumen"]
+        numbers[5][lumen] = LABELS["skin"]
+        numbers[5][np.roll(lumen, -16, axis=0)] = LABELS["lumen"]
+
+    def touching(numbers: Any) -> None:
+        lumen = numbers[2] == LABELS["lumen"]
+        numbers[2][np.roll(lumen, 7, axis=1) & ~lumen] = LABELS["fibula"]
+
+    with pytest.raises(GeometryError, match="slice 4: 'fibula' is not there: label it in this slice"):
+        changed(label_file, without_fibula).calf()
+    with pytest.raises(GeometryError, match="slice 3 is empty of 'lumen'"):
+        changed(label_file, without_lumen).calf()
+    with pytest.raises(GeometryError, match=r"slice 5: 'lumen' lies 10\.0 mm beside that of the slice before"):
+        changed(label_file, moved).calf()
+    with pytest.raises(GeometryError, match=r"slice 2: "):
+        changed(label_file, touching).calf()
+    image = LabelMap.read(label_file)
+    with pytest.raises(GeometryError, match="lies in slices 2 to 4: a lofted calf needs 4, label it in more"):
+        image.calf(first=2, last=4)
+    with pytest.raises(GeometryError, match="there are no slices 4 to 6: the image has 0 to 5"):
+        image.calf(first=4, last=6)
+    with pytest.raises(GeometryError, match="slice 2: fibula and the wall of vein 1 are"):
+        image.calf(first=2, wall_thickness=6e-3)
+    with pytest.raises(GeometryError, match=r"the label map 'nothing\.nii' cannot be read: No such file"):
+        LabelledCalf(file="nothing.nii")
+    with pytest.raises(GeometryError, match="is not the file of this case, it has changed"):
+        LabelledCalf(file=str(label_file), sha256="0" * 64)
+    parts = circles(TAPERED)
+    with pytest.raises(GeometryError, match="as many heights: there are 6 heights, 6 of skin, 6 of tibia, 5 of fibula"):
+        LoftedCalf(heights=HEIGHTS, **(parts | {"fibula": parts["fibula"][1:]}))
+    with pytest.raises(GeometryError, match="that of slice 2 does not: sort them"):
+        LoftedCalf(heights=(HEIGHTS[0], HEIGHTS[2], HEIGHTS[1], *HEIGHTS[3:]), **parts)
+
+
+def test_sections_of_real_shape_give_valid_elements() -> None:
+    """Rounded triangles as tibias, oval veins, bones and vein that move apart along the segment."""
+    for number in (1, 2, 3, 4):
+        s = subject(number)
+        q = np.linspace(-0.5, 0.5, COUNT)
+        oval = s.veins[0].lumen.centroid + (s.veins[0].lumen.points - s.veins[0].lumen.centroid) * [1.4, 0.7]
+        parts = {
+            name: tuple(Outline.through(points + share * np.array(way)) for share in q)
+            for name, points, way in (
+                ("skin", s.skin.points, (0.0, 0.0)), ("tibia", s.tibia.points, (2e-3, 3e-3)),
+                ("fibula", s.fibula.points, (-3e-3, 1e-3)), ("lumen", oval, (6e-3, -4e-3)),
+            )
+        }  # fmt: skip
+        geometry = LoftedCalf(heights=tuple(12 * z for z in HEIGHTS), mesh=COARSE, **parts)
+        quality = domain_of(geometry).statistics()["smallest_jacobian_ratio"]
+        assert quality > 0.05, number
