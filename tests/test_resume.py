@@ -240,6 +240,8 @@ def test_runs_that_cannot_be_resumed(whole: Path, stopped: Path, tmp_path: Path)
         resume(whole)
     with pytest.raises(OutputError, match="holds no run"):
         resume(tmp_path)
+    with pytest.raises(OutputError, match=r"case\.toml' is no folder"):
+        resume(stopped / "case.toml")
     under_way = RunFolder.reopen(stopped, CASE, 0.25)
     with pytest.raises(OutputError, match="is being computed by another process"):
         resume(stopped)
