@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -125,18 +125,25 @@ def killed(operation: int, work: Callable[..., Any], *arguments: Any) -> int:
 
 
 def _until_killed(operation: int, work: Callable[..., Any], *arguments: Any) -> None:
-    left = iter(range(operation, -1, -1))
-
-    def counted(real: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*given: Any) -> Any:
-            if next(left) == 0:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return real(*given)
-
-        return call
-
-    os.fsync, Path.replace = counted(os.fsync), counted(Path.replace)  # type: ignore[method-assign]
+    counted_on_disk(operation)
     work(*arguments, quiet=True)
+
+
+def counted_on_disk(operation: int) -> None:
+    """Let this process end just before its so-manieth sync or rename of a file."""
+    left = iter(range(operation, -1, -1))
+    os.fsync, Path.replace = dying(left, os.fsync), dying(left, Path.replace)  # type: ignore[method-assign]
+
+
+def dying(left: Iterator[int], real: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that does the same, but kills the process when `left` has come to zero."""
+
+    def call(*given: Any) -> Any:
+        if next(left) == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(*given)
+
+    return call
 
 
 def test_killed_at_any_moment(whole: Path, tmp_path: Path) -> None:
