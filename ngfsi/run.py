@@ -23,7 +23,7 @@ from ngfsi.output.fields import DEFORMATION, STRESS, FieldWriter
 from ngfsi.output.folder import CASE, CHECKPOINTS, MANIFEST, STOP, RunFolder
 from ngfsi.output.progress import Progress
 from ngfsi.output.provenance import versions
-from ngfsi.output.stored import StoredRun, open_run
+from ngfsi.output.stored import StoredRun, check_folder, open_run
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.backends import Name, choose_backend
@@ -78,6 +78,7 @@ def resume(folder: Path, *, quiet: bool = False, max_wall: float | None = None) 
             case or version; says in what they differ.
         MeshError, SolverError, StoppedError, Interrupted: as for `run`.
     """
+    check_folder(folder)
     if not (folder / CASE).exists():
         raise OutputError(f"the folder '{folder}' holds no run: {CASE} is expected in it")
     case = Case.from_toml(folder / CASE)

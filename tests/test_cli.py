@@ -73,7 +73,7 @@ def test_run(capsys: pytest.CaptureFixture[str], case_file: str, computed: list[
         (["run", "case.toml", "--set", "time.step_s"], "--set time.step_s is not understood: write key=value"),
         (["run", "case.toml", "--set", "=1"], "--set =1 is not understood"),
         (["run", "case.toml", "--max-wall", "2 days"], "--max-wall '2 days' is no duration: write e.g. 2h, 1h30min"),
-        (["resume", "nix"], "the folder 'nix' holds no run: case.toml is expected in it"),
+        (["resume", "nix"], "the folder 'nix' does not exist: name the folder of a run"),
         (["info", "nix"], "the folder 'nix' does not exist"),
         (["info", "."], "the folder '.' holds no run"),
         (["export", "nix", "--time", "1", "--format", "vtu"], "the folder 'nix' does not exist"),

@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -125,18 +125,25 @@ def killed(operation: int, work: Callable[..., Any], *arguments: Any) -> int:
 
 
 def _until_killed(operation: int, work: Callable[..., Any], *arguments: Any) -> None:
-    left = iter(range(operation, -1, -1))
-
-    def counted(real: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*given: Any) -> Any:
-            if next(left) == 0:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return real(*given)
-
-        return call
-
-    os.fsync, Path.replace = counted(os.fsync), counted(Path.replace)  # type: ignore[method-assign]
+    counted_on_disk(operation)
     work(*arguments, quiet=True)
+
+
+def counted_on_disk(operation: int) -> None:
+    """Let this process end just before its so-manieth sync or rename of a file."""
+    left = iter(range(operation, -1, -1))
+    os.fsync, Path.replace = dying(left, os.fsync), dying(left, Path.replace)  # type: ignore[method-assign]
+
+
+def dying(left: Iterator[int], real: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that does the same, but kills the process when `left` has come to zero."""
+
+    def call(*given: Any) -> Any:
+        if next(left) == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(*given)
+
+    return call
 
 
 def test_killed_at_any_moment(whole: Path, tmp_path: Path) -> None:
@@ -240,6 +247,8 @@ def test_runs_that_cannot_be_resumed(whole: Path, stopped: Path, tmp_path: Path)
         resume(whole)
     with pytest.raises(OutputError, match="holds no run"):
         resume(tmp_path)
+    with pytest.raises(OutputError, match=r"case\.toml' is no folder"):
+        resume(stopped / "case.toml")
     under_way = RunFolder.reopen(stopped, CASE, 0.25)
     with pytest.raises(OutputError, match="is being computed by another process"):
         resume(stopped)

@@ -149,6 +149,15 @@ def test_a_study_with_an_executor_goes_on_where_it_was_killed(tmp_path: Path) ->
     assert [entry["from_s"] for entry in open_run(folder).manifest["resumed"]] == [0.0]
 
 
+def test_a_study_on_executorlib(tmp_path: Path) -> None:
+    """A real run in a worker that executorlib starts here, as it would on a node of a cluster."""
+    library = pytest.importorskip("executorlib")
+    with library.SingleNodeExecutor(max_workers=1, hostname_localhost=True) as executor:
+        short = RESUMED.replace(**{"time.end": 0.05})
+        results = run_study(study_of(short=short), tmp_path, executor, quiet=True)
+    assert (results.outcomes["short"].failure, results.table) == ("", {"short": {"last_s": 0.05}})
+
+
 class Broken(Executor):
     """Its only worker dies."""
 

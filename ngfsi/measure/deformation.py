@@ -1,4 +1,4 @@
-"""How far a system's elements are moved and deformed, at their quadrature points."""
+"""How far a system's elements are moved and deformed, at their quadrature points, and what is close to failing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.physics.kinematics import Kinematics
+from ngfsi.measure.ellipticity import Ellipticity, extreme
+from ngfsi.physics.kinematics import Kinematics, in_space
 from ngfsi.solve.forms import rules
 from ngfsi.solve.system import System
 from ngfsi.units import from_si
@@ -22,12 +23,17 @@ def _in_mm(place: NDArray[np.float64]) -> str:
 
 
 class Deformation:
-    """Displacement and volume ratio det F of a system's present state."""
+    """Displacement, volume ratio det F and stability of the materials of a system's present state."""
 
     def __init__(self, system: System) -> None:
         domain, motion = system.domain, system.state.components[0]
         self._solids = domain.geometry.solids
-        self._size, self._J = ng.Norm(motion).Compile(), Kinematics(ng.Grad(motion)).J.Compile()
+        k = Kinematics(ng.Grad(motion))
+        self._size, self._J = ng.Norm(motion).Compile(), k.J.Compile()
+        relaxation = system.stress_free_gradient()
+        self._strain = in_space(k.F if relaxation is None else k.F * relaxation, 1.0)
+        self._laws = {name: system.case.materials.law_of(name) for name in self._solids}
+        self._resistance = {name: Ellipticity(law) for name, law in self._laws.items()}
         points = rules(2 * system.unknowns.order)
         self._place = ng.CF((ng.x, ng.y, ng.z)[: domain.mesh.dim]) + motion
         self._fluid = domain.geometry.fluid
@@ -52,28 +58,64 @@ class Deformation:
         return ""
 
     def approaching(self) -> list[str]:
-        """Return a warning for each region that has come close to inversion since the last call."""
-        unknown = [region for region in self._points if region not in self._warned]
-        close = {region: self.worst(region) for region in unknown if self.smallest_jacobian(region) < CLOSE}
-        self._warned |= set(close)
-        return [
-            f"elements of '{name}' near {place} are close to inversion, det F {J:.3g}"
-            for name, (J, place) in close.items()
-        ]
+        """Return a warning for each region that came close to inversion, or lost its stability, since the last call."""
+        warnings = {
+            f"inversion of {name}": f"elements of '{name}' near {place} are close to inversion, det F {J:.3g}"
+            for name in self._points
+            if self.smallest_jacobian(name) < CLOSE
+            for J, place in (self.worst(name),)
+        }
+        for name in self._solids:
+            if f"stability of {name}" not in self._warned and (unstable := self.unstable(name)):
+                warnings[f"stability of {name}"] = f"{unstable}: what is computed from here on depends on the mesh"
+        new = [sentence for what, sentence in warnings.items() if what not in self._warned]
+        self._warned |= set(warnings)
+        return new
 
-    def narrowest(self) -> str:
-        """Say in which region, and where, elements are closest to inversion: to be added to a sentence."""
+    def unstable(self, region: str) -> str:
+        """Say where the material of a solid has lost its stability, or nothing."""
+        smallest, place = self.weakest(region)
+        if smallest > 0:
+            return ""
+        return (
+            f"the material of '{region}' near {place} has lost its stability (strong ellipticity): "
+            f"{self._laws[region].law} does not resist shear bands there any more"
+        )
+
+    def weakest(self, region: str) -> tuple[float, str]:
+        """Return the smallest resistance of a solid's material to shear bands (see `Ellipticity`), and the place."""
+        points = self._points[region]
+        F = np.asarray(self._strain(points)).reshape(-1, 3, 3)
+        stretches = np.sqrt(np.maximum(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F), 0.0))
+        chosen = extreme(stretches)
+        resistances = self._resistance[region].smallest(stretches[chosen])
+        number = int(chosen[np.argmin(resistances)])
+        return float(np.min(resistances)), self._deformed_place(region, number)
+
+    def narrowest(self, begun: bool) -> str:
+        """Say what in the last good state may be the end of a run, and where: to be added to a sentence.
+
+        Args:
+            begun: whether any step was taken, so that the loads have changed something.
+        """
         found = {region: self.worst(region) for region in self._points}
         region = min(found, key=lambda name: found[name][0])
         smallest, place = found[region]
         sentence = f"; in the last good state the smallest det F is {smallest:.3g}, in '{region}' near {place}"
-        if smallest > CLOSE:
+        if lost := [said for name in self._solids if (said := self.unstable(name))]:
+            return f"{sentence}, and {', and '.join(lost)}"
+        if smallest <= CLOSE:
+            return sentence
+        if begun:
             return f"{sentence}: no element is close to inversion, the vein may have lost its stability"
-        return sentence
+        return f"{sentence}: no step was taken, the loads of the first one may be too large or jump"
 
     def worst(self, region: str) -> tuple[float, str]:
         """Return the smallest det F of a region and the deformed place where it is, in words."""
         values = np.ravel(self._J(self._points[region]))
         number = int(np.argmin(values))
-        place = np.asarray(self._place(self._points[region])).reshape(len(values), -1)[number]
-        return float(values[number]), _in_mm(place)
+        return float(values[number]), self._deformed_place(region, number)
+
+    def _deformed_place(self, region: str, number: int) -> str:
+        points = self._points[region]
+        return _in_mm(np.asarray(self._place(points)).reshape(len(points), -1)[number])

@@ -128,6 +128,17 @@ class StoredRun:
         return pyvista.get_reader(str(path)) if path.exists() else None
 
 
+def check_folder(folder: Path) -> None:
+    """Refuse what cannot hold a run.
+
+    Raises:
+        OutputError: there is no such folder.
+    """
+    if not folder.is_dir():
+        what = f"'{folder}' is no folder" if folder.exists() else f"the folder '{folder}' does not exist"
+        raise OutputError(f"{what}: name the folder of a run, e.g. runs/calf")
+
+
 def open_run(path: Path | str) -> StoredRun:
     """Return the run in a folder.
 
@@ -135,8 +146,7 @@ def open_run(path: Path | str) -> StoredRun:
         OutputError: there is no run in the folder.
     """
     folder = Path(path)
-    if not folder.is_dir():
-        raise OutputError(f"the folder '{folder}' does not exist: name the folder of a run, e.g. runs/calf")
+    check_folder(folder)
     if not (folder / MANIFEST).exists() or not (folder / CASE).exists():
         raise OutputError(f"the folder '{folder}' holds no run: {MANIFEST} and {CASE} are expected in it")
     with explained(folder / MANIFEST, "read"):

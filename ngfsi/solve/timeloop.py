@@ -89,14 +89,15 @@ class TimeLoop:
 
     def __init__(
         self, case: Case, system: System, newton: Newton, inspect: Callable[[], str] = str, say: Say = silent,
-        history: History | None = None, explain: Callable[[], str] = str,
+        history: History | None = None, explain: Callable[[bool], str] = lambda _: "",
     ) -> None:  # fmt: skip
         """Prepare the loop.
 
         Args:
             inspect: returns why the present state is unacceptable (an inverted element, say), or ""; default: never.
             say: takes lines for the log; default: none is kept.
-            explain: returns what else to say of the last good state when the loop gives up; default: nothing.
+            explain: returns what else to say of the last good state when the loop gives up, given whether any step was
+                taken; default: nothing.
             history: of an earlier loop, which this one continues; default: the system's state, at rest at t = 0.
         """
         self.case, self.system, self.newton = case, system, newton
@@ -231,7 +232,8 @@ class TimeLoop:
             pressure = self.case.loads.skin_pressure(time)
             raise SolverError(
                 f"the run ended at t = {time:.6g} s with {pressure:.4g} Pa on the skin: a step of {size:.3g} s to "
-                f"t = {time + size:.6g} s failed and time.smallest_step forbids a smaller one: {error}{self._explain()}"
+                f"t = {time + size:.6g} s failed and time.smallest_step forbids a smaller one: {error}"
+                f"{self._explain(self.history.accepted > 0)}"
             ) from error
         self.history.size = size / 2
         self._say(f"t = {time:.6g} s: a step of {size:.3g} s failed ({error}); trying {size / 2:.3g} s")

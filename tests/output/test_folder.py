@@ -108,6 +108,10 @@ def test_a_disk_that_fails_is_named(tmp_path: Path) -> None:
 def test_folders_that_hold_no_run(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="nowhere' does not exist"):
         open_run(tmp_path / "nowhere")
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(OutputError, match=r"notes\.txt' is no folder: name the folder of a run"):
+        open_run(tmp_path / "notes.txt")
+    (tmp_path / "notes.txt").unlink()
     with pytest.raises(OutputError, match=r"holds no run: manifest\.json and case\.toml are expected"):
         open_run(tmp_path)
     RunFolder.create(tmp_path / "run", CASE)

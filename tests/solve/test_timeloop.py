@@ -306,3 +306,13 @@ def test_estimated_error_is_exact_for_a_cubic(ratios: tuple[float, float]) -> No
     solved = (3 * t[3] ** 2 - w.old * t[2] ** 3 - w.older * t[1] ** 3) / w.new
     estimate = share_of_error(0.1, h1, h2) * abs(solved - history.extrapolated(0.5)[0])
     assert estimate == pytest.approx(abs(solved - t[3] ** 3), rel=1e-9)
+
+
+@pytest.mark.parametrize(("last_good", "said"), [(0.0, "begun: False"), (0.5, "begun: True")])
+def test_the_end_is_explained_knowing_whether_any_step_was_taken(last_good: float, said: str) -> None:
+    case = case_of(**{"time.step": 0.25, "time.end": END, "time.smallest_step": 0.2, "loads.skin_pressure": RAMP})
+    system = Scalar(case)
+    newton = Fake(system, lambda start, _end: start >= last_good - 1e-9)
+    loop = TimeLoop(case, system, newton, explain=lambda begun: f", begun: {begun}")  # type: ignore[arg-type]
+    with pytest.raises(SolverError, match=f"told to fail, {said}$"):
+        list(loop.run())

@@ -1,0 +1,80 @@
+"""Whether a law still resists shear bands: strong ellipticity in the present state.
+
+The acoustic tensor Q(n) of a law, a . Q(n) a = d2W / dt2 of F + t a x n, is positive definite in each direction n as
+long as the material is stable (Ogden, Non-linear elastic deformations, 1984, section 6.2). Where it is not, a solution
+may jump across planes, and its elements, not the physics, say how far apart these are: no refinement converges. Saint
+Venant-Kirchhoff's law loses it in plane compression at a stretch of 0.73 (Poisson ratio 0.49).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from ngsolve.meshes import MakeStructured3DMesh
+from numpy.typing import NDArray
+
+from ngfsi.materials import SolidLaw
+
+Array = NDArray[np.float64]
+
+LARGEST = 10.0
+"""Largest stretch looked at."""
+ANGLES = np.linspace(0.0, np.pi / 2, 7)[:-1]
+"""Of a direction from one principal axis to the next."""
+DIFFERENCE = 1e-4
+PLANES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+WORST = 20
+"""Points looked at for each extreme: of the smallest stretch, the largest and their product."""
+
+
+class Ellipticity:
+    """Resistance of an isotropic law to shear bands; directions n in the planes of two principal axes are tried."""
+
+    def __init__(self, law: SolidLaw) -> None:
+        here = ng.CF((ng.x, 0, 0, 0, ng.y, 0, 0, 0, ng.z), dims=(3, 3))
+        self._along, self._across = ([ng.Parameter(0.0) for _ in range(3)] for _ in range(2))
+        band = ng.CF(tuple(a * n for a, n in product(self._along, self._across)), dims=(3, 3))
+        up, down = (law.variation(here + sign * DIFFERENCE * band, band) for sign in (1, -1))
+        self._second = ((up - down) / (2 * DIFFERENCE)).Compile()
+        self._unit = law.shear_modulus
+
+    def smallest(self, stretches: Array) -> Array:
+        """Return the smallest eigenvalue of Q over the initial shear modulus, for principal stretches (n, 3): (n,)."""
+        points = _stretches_as_points()(*np.clip(stretches, 0.0, LARGEST).T)
+        found = [self._in_direction(points, plane, angle) for plane, angle in product(PLANES, ANGLES)]
+        return np.asarray(np.min(found, axis=0)) / self._unit
+
+    def _in_direction(self, points: Any, plane: tuple[int, int, int], angle: float) -> Array:
+        """Return the smallest eigenvalue (n,) of Q(n), n in the plane of the first two axes: two in it, one across."""
+        i, j, k = plane
+        self._set(self._across, {i: np.cos(angle), j: np.sin(angle)})
+        first, second, across, both = (self._at(points, axes) for axes in ((i,), (j,), (k,), (i, j)))
+        mean, half, mixed = (first + second) / 2, (first - second) / 2, (both - first - second) / 2
+        return np.minimum(across, mean - np.hypot(half, mixed))
+
+    def _at(self, points: Any, axes: tuple[int, ...]) -> Array:
+        self._set(self._along, dict.fromkeys(axes, 1.0))
+        return np.ravel(self._second(points))
+
+    @staticmethod
+    def _set(vector: list[ng.Parameter], entries: dict[int, float]) -> None:
+        for axis, parameter in enumerate(vector):
+            parameter.Set(entries.get(axis, 0.0))
+
+
+def extreme(stretches: Array) -> NDArray[np.int64]:
+    """Return numbers of the points, of sorted stretches (n, 3), that are likely to be the worst."""
+    orders = (stretches[:, 0], -stretches[:, 2], np.prod(stretches, axis=1))
+    return np.unique(np.concatenate([np.argsort(order, kind="stable")[:WORST] for order in orders]))
+
+
+@cache
+def _stretches_as_points() -> Any:
+    """Return a mesh whose points are triples of principal stretches: laws are evaluated at points of meshes."""
+    return MakeStructured3DMesh(
+        hexes=True, nx=1, ny=1, nz=1, mapping=lambda x, y, z: (LARGEST * x, LARGEST * y, LARGEST * z)
+    )
