@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
 
 SHAPES = (ng.TRIG, ng.QUAD, ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
 
@@ -71,3 +73,42 @@ def tangent_form(space: Any, parts: Sequence[Part], *, condense: bool = False) -
         for integrand in integrands:
             form += integrand.Compile() * measure
     return form
+
+
+class WithoutRows:
+    """A form without what another one, whose terms it has too, contributes to some of its equations.
+
+    Both are of one space; condensation would spread the terms to be left out over other equations.
+    """
+
+    condense = False
+
+    def __init__(self, whole: ng.BilinearForm, part: ng.BilinearForm, rows: NDArray[np.int64]) -> None:
+        """Prepare; `rows`: numbers of the equations."""
+        self._whole, self._part, self._rows = whole, part, rows
+        self.space = whole.space
+        self._entries: NDArray[np.int64] | None = None
+
+    @property
+    def mat(self) -> Any:
+        """The matrix of the last linearisation."""
+        return self._whole.mat
+
+    def Apply(self, state: Any, residual: Any) -> None:
+        """Write the residual at `state`."""
+        other = residual.CreateVector()
+        self._whole.Apply(state, residual)
+        self._part.Apply(state, other)
+        residual.FV().NumPy()[self._rows] -= other.FV().NumPy()[self._rows]
+
+    def AssembleLinearization(self, state: Any) -> None:
+        """Linearise at `state`."""
+        self._whole.AssembleLinearization(state)
+        self._part.AssembleLinearization(state)
+        if self._entries is None:
+            columns, starts = (np.asarray(part, dtype=np.int64) for part in self._whole.mat.CSR()[1:])
+            if not np.array_equal(columns, self._part.mat.CSR()[1]):
+                raise RuntimeError("the matrices of a form and its part have entries in different places")
+            self._entries = np.concatenate([np.arange(starts[row], starts[row + 1]) for row in self._rows])
+        values, other = (form.mat.AsVector().FV().NumPy() for form in (self._whole, self._part))
+        values[self._entries] -= other[self._entries]
