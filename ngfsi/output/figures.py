@@ -245,14 +245,21 @@ class Line:
     spread: Sequence[float] | Array | None = None
 
 
-def lines(panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: Path) -> None:
-    """Draw values over others, a panel per title; labels of both axes carry the units."""
+def lines(
+    panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: Path, log: tuple[bool, bool] = (False, False)
+) -> None:
+    """Draw values over others, a panel per title; labels of both axes carry the units.
+
+    Args:
+        log: whether the axes (x, y) are logarithmic.
+    """
     figure, spaces, columns = _panels(len(panels), 2, (5.2, 4.0), (0.0, 0.0))
     for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
         for colour, line in zip(COLOURS, drawn, strict=False):
             panel.errorbar(line.x, line.y, yerr=line.spread, fmt=line.style, color=colour, markersize=4,
                            linewidth=1.2, capsize=3, label=line.label)  # fmt: skip
         panel.set_title(title, fontsize=10)
+        panel.set(**{f"{axis}scale": "log" for axis, logarithmic in zip("xy", log, strict=True) if logarithmic})
         panel.set_xlabel(labels[0])
         if number % columns == 0:
             panel.set_ylabel(labels[1])
