@@ -45,10 +45,10 @@ class Level(NamedTuple):
     step: float
 
 
-FLOWS = (0.2e-6, 0.5e-6, 1.3e-6, SOURCE, 5e-6)
+FLOWS = (0.2e-6, 1e-6, SOURCE, 5e-6)
 _DEMO, _PAPER = (compare_tissues.LEVELS[name] for name in ("demo", "paper"))
 LEVELS = {
-    "demo": Level(_DEMO._replace(mesh=_DEMO.mesh.replace(far_size=28e-3, vein_size=3.8e-3, axial_layers=4)), 0.1),
+    "demo": Level(_DEMO._replace(mesh=_DEMO.mesh.replace(far_size=40e-3, vein_size=5e-3, axial_layers=3)), 0.1),
     "paper": Level(_DEMO, 0.05),
     "fine": Level(_PAPER, 0.02),
 }
@@ -78,9 +78,9 @@ class Point:
 def points(level: str) -> list[Point]:
     """Return what a level computes: one-way coupling and numerical errors in the larger lumen, at some flows."""
     found = [Point(*one) for one in product(TISSUES, LUMENS, FLOWS)]
-    found += [Point(*one, coupling="one_way") for one in product(TISSUES, [max(LUMENS)], (FLOWS[0], SOURCE, FLOWS[-1]))]
+    found += [Point(*one, coupling="one_way") for one in product(TISSUES, [max(LUMENS)], (FLOWS[0], SOURCE))]
     if level in FINER:
-        found += [Point("M", max(LUMENS), flow, finer=True) for flow in (FLOWS[0], SOURCE)]
+        found.append(Point("M", max(LUMENS), SOURCE, finer=True))
     return found
 
 
