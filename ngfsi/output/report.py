@@ -79,7 +79,7 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
 
 
 def figures(folders: Sequence[Path], destination: Path) -> list[Path]:
-    """Write each chart of the report of stored runs as SVG and as PNG, and return the files.
+    """Write each chart of the report of stored runs as SVG and as PNG, those in space as PNG, and return the files.
 
     Args:
         folders: of the runs.
@@ -100,7 +100,8 @@ def figures(folders: Sequence[Path], destination: Path) -> list[Path]:
         except (NgfsiError, KeyError):  # the report says why
             continue
         figure.update_layout(title=title, width=1000, margin_t=80)
-        for kind in ("svg", "png"):
+        in_space = any(trace.type == "mesh3d" for trace in figure.data)
+        for kind in ("png",) if in_space else ("svg", "png"):
             drawn.append(figure)
             files.append(destination / f"{_slug(title)}.{kind}")
     try:
