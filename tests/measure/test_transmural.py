@@ -53,7 +53,7 @@ def test_large_strain() -> None:
 
 
 def test_a_sheared_vein() -> None:
-    """Tissue that slides along the vein, z + g x, presses as a closed form of its stress says, with the deformed normal:
+    """Tissue that slides along the vein, z + g x, presses as a closed form of its stress says, by the deformed normal:
     F has a row that its cofactor has not, and taking one for the other is seen."""
     mu, lam, g = 8e3, 5e3, 0.3
     young, poisson = mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))
