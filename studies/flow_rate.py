@@ -233,7 +233,8 @@ def _draw(found: Mapping[Point, Finding], folder: Path) -> None:
             for lumen in LUMENS:
                 flows, rises = _curve(found, tissue, lumen, coupling)  # type: ignore[arg-type]
                 label = f"{from_si(lumen, 'mm'):g} mm, {coupling.replace('_', '-')}"
-                drawn.append(Line(label, [from_si(flow, "ml_s") for flow in flows], rises, style))
+                if flows:
+                    drawn.append(Line(label, [from_si(flow, "ml_s") for flow in flows], rises, style))
         ends = [from_si(flow, "ml_s") for flow in (FLOWS[0], FLOWS[-1])]
         drawn.append(Line(f"printed, {printed[tissue]:g} %", ends, [printed[tissue]] * 2, ":"))
         panels[f"{tissue} tissue"] = drawn

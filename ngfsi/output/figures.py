@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
@@ -259,7 +260,13 @@ def lines(
             panel.errorbar(line.x, line.y, yerr=line.spread, fmt=line.style, color=colour, markersize=4,
                            linewidth=1.2, capsize=3, label=line.label)  # fmt: skip
         panel.set_title(title, fontsize=10)
-        panel.set(**{f"{axis}scale": "log" for axis, logarithmic in zip("xy", log, strict=True) if logarithmic})
+        for name, axis in (
+            pair for pair, wanted in zip((("x", panel.xaxis), ("y", panel.yaxis)), log, strict=True) if wanted
+        ):
+            panel.set(**{f"{name}scale": "log"})
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
         panel.set_xlabel(labels[0])
         if number % columns == 0:
             panel.set_ylabel(labels[1])
