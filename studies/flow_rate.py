@@ -202,7 +202,9 @@ def _curve(
 
 
 def flow_for(flows: Sequence[float], rises: Sequence[float], wanted: float) -> float | None:
-    """Return the flow at which a rise has a value, between given points in the logarithm of the flow.
+    """Return the flow at which a rise has a value, between given points.
+
+    What the vein expels hardly depends on what flows in, so that the rise is nearly linear in 1 / flow.
 
     Args:
         flows: increasing.
@@ -214,7 +216,7 @@ def flow_for(flows: Sequence[float], rises: Sequence[float], wanted: float) -> f
     """
     if not min(rises) <= wanted <= max(rises):
         return None
-    return float(np.exp(PchipInterpolator(rises[::-1], np.log(flows[::-1]))(wanted)))
+    return float(1 / PchipInterpolator(rises[::-1], 1 / np.array(flows[::-1]))(wanted))
 
 
 def _out_of_reach(rises: Sequence[float], wanted: float) -> str:

@@ -6,7 +6,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from ngfsi.measure.decomposition import narrowing
@@ -22,12 +21,12 @@ def test_narrowing_of_the_printed_losses() -> None:
 
 
 def test_the_flow_that_a_rise_needs() -> None:
-    """On a rise linear in the logarithm of the flow it is exact, and nothing is made up beyond what was computed."""
+    """On a rise linear in 1 / flow it is exact, and nothing is made up beyond what was computed."""
     flows = [0.2, 0.6, 1.8, 5.4]
-    rises = [400.0, 300.0, 200.0, 100.0]
-    assert flow_for(flows, rises, 250.0) == pytest.approx(0.6 * np.sqrt(3), rel=1e-12)
-    assert flow_for(flows, rises, 401.0) is None
-    assert flow_for(flows, rises, 99.0) is None
+    rises = [50 + 70 / flow for flow in flows]
+    assert flow_for(flows, rises, 120.0) == pytest.approx(1.0, rel=1e-12)
+    assert flow_for(flows, rises, rises[0] + 1) is None
+    assert flow_for(flows, rises, rises[-1] - 1) is None
 
 
 def test_cases() -> None:
@@ -45,16 +44,11 @@ def test_cases() -> None:
 
 
 def test_the_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With rises that are linear in the logarithm of the flow it is read off; one-way coupling is held against two-way
-    coupling."""
+    """With rises that are linear in 1 / flow it is read off; one-way coupling is held against two-way coupling."""
 
     def known(key: str, _outcome: Outcome) -> Any:
         (point,) = (p for p in points("demo") if p.key == key)
-        rise = (
-            300
-            - 60 * np.log(point.flow / FLOWS[0])
-            + (7 if point.coupling == "one_way" and point.flow == SOURCE else 0)
-        )
+        rise = 60 + 190e-6 / point.flow + (7 if point.coupling == "one_way" and point.flow == SOURCE else 0)
         parts = {"narrowing": 0.1, "squeeze flow": rise / 100, "shape": 0.0, "profile": 0.2}
         moment = SimpleNamespace(loss=0.2, rise=rise, parts=parts, sawss_ratio=1 + rise / 100)
         return SimpleNamespace(ramp_end=moment, mean_rise=rise, start_sawss=1.0, failure="")
@@ -63,9 +57,10 @@ def test_the_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     outcomes = {point.key: Outcome(None) for point in points("demo")}
     text = flow_rate.write_report("demo", tmp_path, outcomes).read_text()
     assert "**M**: the printed loss of 25 % raises SAWSS by 54 % at a constant flow, not by the printed 205 %." in text
-    # 0.2 exp(95/60) and 0.2 exp(155/60)
-    assert "lumen 11.1 mm, 205 % read as a rise: reached at 0.97 ml/s." in text
-    assert "lumen 8 mm, 145 % read as a rise: reached at 2.6 ml/s." in text
-    assert "lumen 8 mm, 205 % read as a ratio: below all that was computed, 107 to 300 %." in text
+    # 190 / 145, 190 / 85 and 190 / 45
+    assert "lumen 11.1 mm, 205 % read as a rise: reached at 1.3 ml/s." in text
+    assert "lumen 8 mm, 145 % read as a rise: reached at 2.2 ml/s." in text
+    assert "lumen 8 mm, 205 % read as a ratio: reached at 4.2 ml/s." in text
+    assert "lumen 8 mm, 145 % read as a ratio: below all that was computed, 98 to 1010 %." in text
     assert "**One-way coupling** changes the mean rise by 7 percentage points at most" in text
     assert {path.name for path in tmp_path.glob("*.png")} == {"rise.png", "causes.png"}
