@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from geometry.plane import Circle
-from geometry.segment import VeinSegment
+from geometry.segment import VeinSegment, smooth_step
 from ngfsi.units import Length
 
 STILL = 0.15
@@ -63,18 +63,20 @@ class CalfSegment(VeinSegment):
         return pi * self.length * (a * a + a * b + b * b) / 3
 
     def shape_map(self) -> Any:
-        """Return the displacement [m] that tapers the skin, None without taper.
+        """Return the displacement [m] that tapers the skin and makes the vein oval, None without either.
 
         The section is scaled in proportion to z, fully at the skin and not at all on and near vein and bones.
         """
+        oval = super().shape_map()
         if self.taper == 0:
-            return None
+            return oval
         from ngsolve import CF, IfPos, sqrt, x, y, z
 
         def clip(t: Any) -> Any:
             return IfPos(t, IfPos(1 - t, t, 1), 0)
 
-        return self._weight(x, y, clip, sqrt) * self.taper * (2 * z / self.length - 1) * CF((x, y, 0))
+        taper = self._weight(x, y, clip, sqrt) * self.taper * (2 * z / self.length - 1) * CF((x, y, 0))
+        return taper if oval is None else taper + oval
 
     def _weight(self, x: Any, y: Any, clip: Callable[[Any], Any], root: Callable[[Any], Any]) -> Any:
         """Return the share of the taper at (x, y), numbers, arrays or coefficient functions: twice differentiable."""
@@ -83,7 +85,7 @@ class CalfSegment(VeinSegment):
             room = self.skin_radius - hypot(body.x, body.y) - body.radius
             distance = root((x - body.x) * (x - body.x) + (y - body.y) * (y - body.y)) - body.radius
             t = clip((distance / room - STILL) / (1 - STILL))
-            weight = weight * t * t * t * (10 - 15 * t + 6 * t * t)
+            weight = weight * smooth_step(t)
         return weight
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from itertools import combinations, pairwise
-from math import ceil, hypot, pi, sqrt
+from math import ceil, cos, hypot, pi, sin, sqrt
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ from geometry.extrusion import extrude, layer_heights
 from geometry.plane import Circle, even_angles, fill_vein, triangulate
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.section import Section
-from ngfsi.units import Length
+from ngfsi.units import Angle, Length
 
 END_NAMES = {
     "fluid": ("inlet", "outlet"),
@@ -85,6 +85,13 @@ class VeinSegment(Section):
     wall_thickness: Length = Field(1e-3, gt=0, description="thickness of the vein wall; source study: 1 mm")
     vein_x: Length = Field(0.0, description="lateral position of the vein's axis")
     vein_y: Length = Field(0.0, description="anterior position of the vein's axis")
+    oval: Length = Field(
+        0.0,
+        ge=0,
+        description="by how much the lumen's radius is larger along `oval_direction`, and smaller across: an ellipse, "
+        "the imperfection of mode 2 from which a vein collapses; the wall follows in proportion",
+    )
+    oval_direction: Angle = Field(0.0, description="of the ellipse's longer axis, from x (lateral) to y (anterior)")
     mesh: MeshSettings = MeshSettings()
 
     @property
@@ -121,8 +128,9 @@ class VeinSegment(Section):
         """Return the developed velocity of unit mean through the inlet."""
         from ngsolve import CF, x, y
 
-        x0, y0 = self.vein_centre
-        return CF((0, 0, 2 * (1 - ((x - x0) ** 2 + (y - y0) ** 2) / self.lumen_radius**2)))
+        along, across = self._in_ellipse(x, y)
+        a, b = self.lumen_radius + self.oval, self.lumen_radius - self.oval
+        return CF((0, 0, 2 * (1 - (along / a) ** 2 - (across / b) ** 2)))
 
     @property
     def curving_order(self) -> int:
@@ -151,13 +159,40 @@ class VeinSegment(Section):
         return "lumen_layer", "wall_layer"
 
     def shape_map(self) -> Any:
-        """Return the displacement [m] from the meshed shape to the reference shape, or None if they are the same."""
-        return None
+        """Return the displacement [m] from the meshed shape to the reference shape, or None if they are the same.
+
+        An oval vein: lumen and wall are stretched along one axis and compressed across, the tissue follows up to the
+        next bone or the skin.
+        """
+        if self.oval == 0:
+            return None
+        from ngsolve import CF, IfPos, sqrt, x, y
+
+        along, across = self._in_ellipse(x, y)
+        share = self.oval / self.lumen_radius
+        if self.wall_outer.radius < self.skin_radius:
+            outside = (sqrt(along * along + across * across) - self.wall_outer.radius) / self._room()
+            t = IfPos(outside, IfPos(1 - outside, 1 - outside, 0), 1)
+            share = share * smooth_step(t)
+        c, s = cos(self.oval_direction), sin(self.oval_direction)
+        return share * CF((c * along + s * across, s * along - c * across, 0))
+
+    def _in_ellipse(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return the coordinates along and across the longer axis of an oval vein, from its centre."""
+        c, s = cos(self.oval_direction), sin(self.oval_direction)
+        x, y = x - self.vein_x, y - self.vein_y
+        return c * x + s * y, c * y - s * x
+
+    def _room(self) -> float:
+        """Return the smallest distance [m] of the vein's wall from bones and skin."""
+        return min(_gap(self.wall_outer, other) for other in (*self.bones, self.skin))
 
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of each region."""
         area = {c.name: pi * c.radius**2 for c in (self.wall_outer, *self.bones)}
-        lumen = pi * self.lumen_radius**2
+        ellipse = 1 - (self.oval / self.lumen_radius) ** 2
+        area["wall_outer"] *= ellipse
+        lumen = pi * self.lumen_radius**2 * ellipse
         tissue = self.skin_volume() - sum(area.values()) * self.length
         return {"tissue": tissue, "wall": (area["wall_outer"] - lumen) * self.length, "fluid": lumen * self.length}
 
@@ -195,6 +230,19 @@ class VeinSegment(Section):
         return self
 
     @model_validator(mode="after")
+    def _check_oval(self) -> VeinSegment:
+        """Refuse an ellipse that would squeeze wall or tissue to nothing."""
+        limit = self.lumen_radius / 2
+        if self.wall_outer.radius < self.skin_radius:
+            limit = min(limit, self._room() / 4)
+        if self.oval > limit:
+            raise ValueError(
+                f"oval = {self.oval * 1e3:.3g} mm is too much for this vein and the tissue around it: at most "
+                f"{limit * 1e3:.3g} mm"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _check_sizes(self) -> VeinSegment:
         """Refuse elements so small that no computer could hold them."""
         for circle, size in ((self.skin, self.mesh.far_size), (self.wall_outer, self.mesh.vein_size)):
@@ -224,6 +272,11 @@ class VeinSegment(Section):
         interface = self._around_vein("interface", self.lumen_radius)
         lumen = [self._around_vein("lumen_layer", f * self.lumen_radius) for f in self.mesh.lumen_radii]
         return [(c, "wall") for c in (*wall, interface)] + [(c, self.fluid) for c in lumen]
+
+
+def smooth_step(t: Any) -> Any:
+    """Rise from 0 at t = 0 to 1 at t = 1, twice differentiable at both."""
+    return t * t * t * (10 - 15 * t + 6 * t * t)
 
 
 def _gap(a: Circle, b: Circle) -> float:

@@ -127,6 +127,8 @@ class Conditions(Section):
 
     ends: Literal["roller", "clamped", "guided", "free"] = "roller"
     """The end faces slide in their plane (roller), are fixed, move along the axis alone (guided), or carry no load."""
+    coupling: Literal["two_way", "one_way"] = "two_way"
+    """one_way: the solids move the blood, but on the wall acts only the pressure of the outlet, not the blood's own."""
     initial_state: Literal["preload", "prestress"] = "preload"
     """preload: the geometry is unloaded and the blood inflates it; prestress: it carries the blood pressure already."""
     plane_stress: tuple[str, ...] = ()
@@ -215,6 +217,8 @@ class Output(Section):
     """Steps between two written states of the vein's inner wall, from which TAWSS and OSI follow."""
     stations: int = Field(default=11, ge=2)
     """Number of cross-sections whose outlines and shapes are written with the fields."""
+    stability: bool = False
+    """Whether the stability of the vein, and the mode in which it would collapse, are written with the fields."""
     low_shear: Pressure = Field(default=0.1, gt=0)
     """Wall shear stress below which an area of the wall counts as of low shear."""
 
@@ -256,6 +260,17 @@ class Case(Section):
             raise key_error(
                 "conditions", "has plane_stress, small strain or a skin_displacement: these are for plane solids "
                 "without fluid, from their unloaded shape (initial_state = \"preload\")"
+            )  # fmt: skip
+        return self
+
+    @model_validator(mode="after")
+    def _coupling_fits(self) -> Self:
+        if self.conditions.coupling == "one_way" and not (
+            self.geometry.solids and hasattr(self.geometry, "vein_centre")
+        ):
+            raise key_error(
+                "conditions.coupling", f'is "one_way", which is for veins in tissue: {type(self.geometry).__name__} '
+                "is none"
             )  # fmt: skip
         return self
 

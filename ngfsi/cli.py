@@ -310,13 +310,13 @@ def export(
 @app.command()
 def animate(
     folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="GIF to write.")] = Path("vein.gif"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="GIF or MP4 to write.")] = Path("vein.gif"),
 ) -> None:
-    """Draw the vein over time as a GIF.
+    """Draw the vein over time, as a GIF or MP4.
 
     Wall shear stress on the deforming inner wall.
 
-    Example: ngfsi animate runs/calf -o vein.gif
+    Example: ngfsi animate runs/calf -o vein.mp4
     """
     from ngfsi.output import open_run
     from ngfsi.output.render import animation
@@ -334,6 +334,9 @@ def report(
         Path | None,
         typer.Option(help="Printed numbers in TOML; default those of the source study.", show_default=False),
     ] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="Folder for the charts as SVG and PNG.", metavar="FOLDER", show_default=False)
+    ] = None,
 ) -> None:
     """Show runs in one HTML file.
 
@@ -342,6 +345,7 @@ def report(
     Example: ngfsi report runs/demo/m_s1 runs/demo/n_likely -o compared.html
     """
     from ngfsi.output.disk import explained
+    from ngfsi.output.report import figures as draw
     from ngfsi.output.report import report as write
 
     chosen = claims or Path(__file__).parents[1] / "studies" / "source_claims.toml"
@@ -350,6 +354,8 @@ def report(
         with explained(chosen, "read"):
             printed = tomllib.loads(chosen.read_text(encoding="utf-8"))
     typer.echo(f"The report is '{write(folders, output, printed)}'")
+    if figures:
+        typer.echo(f"{len(draw(folders, figures))} figures are in '{figures}'")
 
 
 def parse_change(text: str) -> tuple[str, Any]:

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import netgen.meshing as nm
 import ngsolve
 import numpy as np
-from ngsolve import BND, VOL, CoefficientFunction, Mesh, Region
+from ngsolve import BND, VOL, CoefficientFunction, Mesh, Region, specialcf
 from numpy.typing import NDArray
 
 from ngfsi.curving import ShapeMap
@@ -168,6 +168,15 @@ class Domain:
     def ds(self, *names: str, **options: Any) -> Any:
         """Return the surface measure of boundaries; options as of `ngsolve.ds`."""
         return ngsolve.ds(definedon=self.boundaries(*names), **options)
+
+    def outward_normal(self) -> Any:
+        """Return the normal of the reference shape that points out of the fluid, on its boundaries.
+
+        NGSolve's own points from one side of a face to the other in an order of the mesh's.
+        """
+        fluid = self.mesh.GetMaterials().index(self.fluid) + 1
+        faces = [self.mesh.ngmesh.FaceDescriptor(i + 1) for i in range(len(self.mesh.GetBoundaries()))]
+        return CoefficientFunction([1.0 if face.domin == fluid else -1.0 for face in faces]) * specialcf.normal(3)
 
     def volume(self, *names: str) -> float:
         """Return the volume [m3] of regions."""

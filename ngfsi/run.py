@@ -18,8 +18,9 @@ from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, Solver
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
 from ngfsi.measure.shape import Shape
+from ngfsi.measure.stability import Stability
 from ngfsi.output.checkpoint import Checkpoint, Checkpoints
-from ngfsi.output.fields import DEFORMATION, STRESS, FieldWriter
+from ngfsi.output.fields import COLLAPSE, DEFORMATION, STRESS, FieldWriter
 from ngfsi.output.folder import CASE, CHECKPOINTS, MANIFEST, STOP, RunFolder
 from ngfsi.output.progress import Progress
 from ngfsi.output.provenance import versions
@@ -29,13 +30,15 @@ from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.backends import Name, choose_backend
 from ngfsi.solve.crew import shared_system
 from ngfsi.solve.initial import initial_state
-from ngfsi.solve.newton import Newton
-from ngfsi.solve.system import System
+from ngfsi.solve.newton import Newton, part_of
+from ngfsi.solve.system import System, Vector
 from ngfsi.solve.timeloop import Step, TimeLoop
 from ngfsi.stops import Stops
 from ngfsi.stopwatch import Stopwatch
 from ngfsi.world import world
 
+STAGE = "stability"
+"""Of the names of arrays in checkpoints."""
 WALL_REFINEMENT = 3
 """Points along each side of an interface element in the written wall fields."""
 
@@ -163,6 +166,7 @@ class Computation:
         self.case, self.folder, self.backend = case, folder, backend
         self.checkpoints, self.start = checkpoints, start
         self.watch = Stopwatch()
+        self._stability: Stability | None = None
         self._factorisations = start.facts["factorisations"] if start else 0
         self._time = 0.0
         self._kept_at: float | None = None
@@ -203,11 +207,14 @@ class Computation:
                 self._factorisations += initial_state(system, newton, self.folder.log)
         with self.watch("measures"):
             probe = Probe(system)
+            if self.case.output.stability:
+                self._stability = Stability(system)
         shape = probe.deformation
         loop = TimeLoop(self.case, system, newton, shape.inversion, self.folder.log, explain=shape.narrowest)
         until = self._take_up(loop) if self.start else -inf
         stops.patient = True
-        writer = FieldWriter(self.folder.path, domain, volume_fields(system), until)
+        fields = volume_fields(system) | ({COLLAPSE: self._stability.mode} if self._stability else {})
+        writer = FieldWriter(self.folder.path, domain, fields, until)
         with Progress(self.case.name, end=self.case.time.end, steps=loop.steps, quiet=quiet) as progress:
             if self.start is None:
                 self._record(0.0, 0.0, probe)
@@ -220,6 +227,8 @@ class Computation:
         """Go on from the checkpoint; return its time (s)."""
         assert self.start is not None
         with self.watch("set-up"):
+            if self._stability:
+                self._stability.restore(part_of(self.start.arrays, STAGE))
             loop.restore(self.start.arrays)
         self._time = self._kept_at = loop.history.times[0]
         for damage in self.start.damaged:
@@ -274,11 +283,16 @@ class Computation:
         facts = {"time_s": self._time, "mesh": self._mesh, "factorisations": self._factorisations}
         try:
             with self.watch("checkpoints"):
-                self.checkpoints.write(loop.history.accepted, loop.arrays(), **facts)
+                self.checkpoints.write(loop.history.accepted, loop.arrays() | self._stages(), **facts)
         except OutputError as error:
             self.folder.log(f"t = {self._time:.6g} s: no checkpoint: {error}")
         else:
             self._kept_at = self._time
+
+    def _stages(self) -> dict[str, Vector]:
+        """Return what the stability at later times depends on."""
+        arrays = self._stability.arrays() if self._stability else {}
+        return {f"{STAGE}.{name}": part for name, part in arrays.items()}
 
     def _timed(self, steps: Iterator[Step]) -> Iterator[Step]:
         """Pass steps on, timing what is done inside the loop."""
@@ -298,7 +312,18 @@ class Computation:
         self._factorisations += step.solution.factorisations
         self.folder.record_cost(step.cost())
 
+    def _record_stability(self, time: float) -> None:
+        """Note the stability; where it cannot be determined, the log says why."""
+        if self._stability is None:
+            return
+        with self.watch("stability"):
+            try:
+                self.folder.record_stability(self._stability.refresh().row(time))
+            except SolverError as error:
+                self.folder.log(f"t = {time:.6g} s: no stability: {error}")
+
     def _write(self, time: float, probe: Probe, writer: FieldWriter) -> None:
+        self._record_stability(time)
         with self.watch("output"):
             writer.write(time)
             sections = probe.outlines

@@ -33,6 +33,7 @@ CASE = case_of(
         "time.end": 0.3,
         "output.fields_every": 3,
         "output.checkpoint_every": 2,
+        "output.stability": True,
     },
 )
 STEPS = 6
@@ -47,7 +48,7 @@ def assert_same(folder: Path, wanted: Path) -> None:
     """Every number, row and file of two runs is the same, and nothing but the record of how it went on differs."""
     assert open_run(folder).status == "completed"
     assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in wanted.iterdir())
-    for name in ("series.csv", "outlines.csv", "volume.pvd", "wall.pvd"):
+    for name in ("series.csv", "outlines.csv", "stability.csv", "volume.pvd", "wall.pvd"):
         assert (folder / name).read_bytes() == (wanted / name).read_bytes(), name
     files = sorted(path.name for path in (wanted / "fields").iterdir())
     assert sorted(path.name for path in (folder / "fields").iterdir()) == files

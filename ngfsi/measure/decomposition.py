@@ -30,6 +30,12 @@ STAGES = {
 START = "at t = 0"
 
 
+def narrowing(loss: float) -> float:
+    """Return the ratio of SAWSS in a round vein that has lost a share of its volume to that before, at a constant flow:
+    4 mu Q / (pi R^3) with R^2 (1 - loss)."""
+    return float((1 - loss) ** -1.5)
+
+
 def decompose(series: Mapping[str, Array]) -> dict[str, Array]:
     """Return the parts of SAWSS (Pa) over time by cause, the stress at t = 0 first; their sum is `sawss_Pa`.
 

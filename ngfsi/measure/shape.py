@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from ngfsi.measure.sections import Sections
+from ngfsi.measure.sections import Arcs, Sections
 
 Array = NDArray[np.float64]
+
+IN_PLANE = 1e-3
+"""Largest distance of an outline from its plane, as a share of the lumen's radius, that is none."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +42,31 @@ class Shape:
     angle: Array
 
     @classmethod
-    def of(cls, sections: Sections) -> Shape:
+    def of(cls, sections: Sections) -> Self:
         """Return the shape in a refreshed set of two sections or more.
 
         Their outlines, in planes z = const, are looked at along the axis: exact where the vein is a cylinder, straight
-        or oblique, from one side of the outline to the other.
+        or oblique, from one side of the outline to the other. Where a free end has moved in, planes before it cut no
+        whole outline: there stands the nearest section that is whole.
         """
-        rings, arcs = sections.rings, sections.arcs
+        off_plane = np.max(np.abs(sections.rings[..., 2] - sections.heights[:, None]), axis=1)
+        whole = np.flatnonzero(off_plane < IN_PLANE * sections.vein.lumen_radius)
+        if len(whole) < 2:
+            whole = np.arange(len(sections.heights))
+        nearest = np.argmin(np.abs(np.arange(len(sections.heights))[:, None] - whole), axis=1)
+        return cls._of_rings(sections.rings[whole], sections.heights[whole], sections.arcs)._taken(nearest)
+
+    def _taken(self, numbers: NDArray[np.int64]) -> Self:
+        """Return the shapes of those sections."""
+        return replace(self, **{field.name: getattr(self, field.name)[numbers] for field in fields(self)})
+
+    @classmethod
+    def _of_rings(cls, rings: Array, heights: Array, arcs: Arcs) -> Self:
+        """Return the shape of outlines (stations, points, 3) in planes at the heights."""
         tangents = arcs.derivative(rings)
         centre = np.stack([np.mean(ring, axis=0) for ring in rings])
         for _ in range(2):  # the centroid is known once the plane is, which needs the axis: a rough one first
-            axis = CubicSpline(sections.heights, centre)(sections.heights, 1)
+            axis = CubicSpline(heights, centre)(heights, 1)
             axis /= np.linalg.norm(axis, axis=1)[:, None]
             first = np.array([1.0, 0.0, 0.0]) - axis[:, :1] * axis
             first /= np.linalg.norm(first, axis=1)[:, None]

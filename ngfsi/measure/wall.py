@@ -18,7 +18,6 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.domain import Domain
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.system import System
@@ -86,7 +85,7 @@ class Wall:
         self._region = domain.boundaries("interface")
         k = Kinematics(ng.BoundaryFromVolumeCF(ng.Grad(self._motion)))
         stress = terms.viscous_stress(system.blood, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity)))
-        area = k.cof * outward_normal(domain)
+        area = k.cof * domain.outward_normal()
         stretch = ng.Norm(area)
         self.stretch = stretch.Compile()
         normal = area / stretch
@@ -163,16 +162,6 @@ class Wall:
         return self.system.domain.mesh.MapToAllElements(rules, self._region)
 
 
-def outward_normal(domain: Domain) -> Any:
-    """Return the normal of the reference shape that points out of the fluid, on its boundaries.
-
-    NGSolve's own points from one side of a face to the other in an order of the mesh's.
-    """
-    fluid = domain.mesh.GetMaterials().index(domain.fluid) + 1
-    faces = [domain.mesh.ngmesh.FaceDescriptor(i + 1) for i in range(len(domain.mesh.GetBoundaries()))]
-    return ng.CF([1.0 if face.domin == fluid else -1.0 for face in faces]) * ng.specialcf.normal(3)
-
-
 class Projection:
     """Least squares over the deformed interface, onto the continuous fields on it with the order of the velocity.
 
@@ -238,7 +227,7 @@ class Traction:
         self._base, self._one = ng.Parameter(0.0), ng.GridFunction(system.unknowns.space)
         self._one.components[2].Set(1.0, definedon=system.domain.materials(system.domain.fluid))
         test, domain = projection.space.TestFunction().Trace(), system.domain
-        area = k.cof * outward_normal(domain)
+        area = k.cof * domain.outward_normal()
         pressure = (system.state.components[2] - self._base) * area
         more = {"bonus_intorder": system.unknowns.order}
         self._known = ng.LinearForm(projection.space)

@@ -14,11 +14,12 @@ from plotly.subplots import make_subplots
 from scipy.interpolate import griddata
 
 from ngfsi.measure.decomposition import decompose
-from ngfsi.output.fields import DISPLACEMENT, REGION
+from ngfsi.output.fields import COLLAPSE, DISPLACEMENT, REGION
 from ngfsi.output.figures import COLOURS, QUIET
 from ngfsi.output.load import Surroundings
 from ngfsi.output.stored import StoredRun
 from ngfsi.output.tube import Comparison, areas, externals, transmural, tube_laws
+from ngfsi.units import from_si
 
 Array = NDArray[np.float64]
 Runs = Mapping[str, StoredRun]
@@ -34,6 +35,8 @@ CUT_POINTS, AROUND, ALONG = 181, 121, 61
 """Points across a cut, and of an unrolled wall."""
 OFF_FACES = 0.01
 """Share of the length by which a cut lies off mid-length."""
+MODE_DRAWN = 0.4
+"""Largest motion of a mode that is drawn, over the lumen's radius."""
 SHEAR = "wall_shear_magnitude_Pa"
 
 
@@ -228,6 +231,42 @@ def tissue(run: StoredRun) -> go.Figure:
     for half in (_lower_half(run, times[0]), last):
         traces.append(_surface(half, half.point_data["size"], "mm", (0.0, high)))
     return _stages(traces, [f"{time:.3g} s" for time in (times[0], times[-1])], FROM_ABOVE)
+
+
+def stability(runs: Runs) -> go.Figure:
+    """Return the pressure at which each run's vein would collapse, as extrapolated at each stage, over the pressure on
+    the skin, and the smallest eigenvalue."""
+    figure = _style(make_subplots(1, 2, horizontal_spacing=0.12)).update_xaxes(title="pressure on the skin [mmHg]")
+    figure.update_yaxes(title="critical pressure on the skin [mmHg]", col=1)
+    figure.update_yaxes(title="smallest eigenvalue [1/s²]", col=2)
+    highest = 0.0
+    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+        table = run.stability
+        if not table:
+            continue
+        skin, critical = (
+            np.array([from_si(value, "mmHg") for value in table[name]])
+            for name in ("skin_pressure_Pa", "critical_skin_pressure_Pa")
+        )
+        highest = max(highest, float(skin.max()))
+        for column, values in ((1, np.where(np.isfinite(critical), critical, np.nan)),
+                               (2, table["smallest_eigenvalue_1_s2"])):  # fmt: skip
+            figure.add_scatter(x=skin, y=values, name=title, mode="lines+markers", line={"color": colour},
+                               legendgroup=title, showlegend=column == 2, row=1, col=column)  # fmt: skip
+    figure.add_scatter(x=[0, highest], y=[0, highest], name="collapse", mode="lines",
+                       line={"color": QUIET, "dash": "dash"}, row=1, col=1)  # fmt: skip
+    return figure
+
+
+def collapse(run: StoredRun) -> go.Figure:
+    """Return the lower half of the tissue moved along the last stage's mode of collapse, coloured by its size."""
+    half = _lower_half(run, np.inf)
+    if COLLAPSE not in half.point_data:
+        raise KeyError(COLLAPSE)
+    mode = np.asarray(half.point_data[COLLAPSE], dtype=float)
+    size = np.linalg.norm(mode, axis=1)
+    half.points += (MODE_DRAWN * run.case.geometry.lumen_radius / size.max() * mode).astype(half.points.dtype)
+    return _stages([_surface(half, size / size.max(), "1", (0.0, 1.0))], [f"{run.field_times()[-1]:.3g} s"], FROM_ABOVE)
 
 
 def _lower_half(run: StoredRun, time: float) -> Any:

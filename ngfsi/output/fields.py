@@ -25,6 +25,8 @@ FOLDER = "fields"
 GRIDS, INDEX, NUMBERED = ("volume", "wall"), "{}.pvd", "{}_{:04d}.vtu"
 DISPLACEMENT = "displacement_m"
 REGION = "region"
+COLLAPSE = "collapse_mode_1"
+"""Motion in which the vein would collapse, without a size of its own (see measure/stability.py)."""
 STRESS, DEFORMATION = "stress_Pa", "deformation_gradient_1"
 TENSORS = (STRESS, DEFORMATION)
 """Tensors of the solids, of which the invariants are written: hydrostatic pressure -tr(sigma)/3, and principal stresses

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
@@ -258,15 +259,28 @@ class Line:
 
 
 def lines(
-    panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: Path, *, ticks: Sequence[str] = ()
-) -> None:
-    """Draw values over others, a panel per title; labels of both axes carry the units; ticks: names of 0, 1, ..."""
+    panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: Path, *, ticks: Sequence[str] = (),
+    log: tuple[bool, bool] = (False, False),
+) -> None:  # fmt: skip
+    """Draw values over others, a panel per title; labels of both axes carry the units.
+
+    Args:
+        ticks: names of 0, 1, ... on the axis of x.
+        log: whether the axes (x, y) are logarithmic.
+    """
     figure, spaces, columns = _panels(len(panels), 2, (5.2, 4.0), (0.0, 0.0))
     for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
         for colour, line in zip(COLOURS, drawn, strict=False):
             panel.errorbar(line.x, line.y, yerr=line.spread, fmt=line.style, color=colour, markersize=4,
                            linewidth=1.2, capsize=3, label=line.label)  # fmt: skip
         panel.set_title(title, fontsize=10)
+        for name, axis in (
+            pair for pair, wanted in zip((("x", panel.xaxis), ("y", panel.yaxis)), log, strict=True) if wanted
+        ):
+            panel.set(**{f"{name}scale": "log"})
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
         panel.set_xlabel(labels[0])
         if number % columns == 0:
             panel.set_ylabel(labels[1])

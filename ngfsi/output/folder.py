@@ -6,6 +6,7 @@
     costs.csv       iterations, factorisations and seconds of each step: what differs between two equal runs
     outlines.csv    cross-sections of the deformed lumen
     shape.csv       their area, perimeter, axes ... perpendicular to the vein (see measure/shape.py)
+    stability.csv   smallest eigenvalue and critical pressure, if asked for (see measure/stability.py)
     volume.pvd, wall.pvd, fields/   fields for ParaView (see fields.py)
     run.log         what happened, with the seconds since the start
     checkpoints/    from which `ngfsi resume` goes on (see checkpoint.py), until the run is complete
@@ -33,6 +34,7 @@ from ngfsi.output.table import TableWriter
 
 CASE, MANIFEST, LOG = "case.toml", "manifest.json", "run.log"
 SERIES, COSTS, OUTLINES, SHAPE = "series.csv", "costs.csv", "outlines.csv", "shape.csv"
+STABILITY = "stability.csv"
 CHECKPOINTS, STOP = "checkpoints", "STOP"
 
 Status = Literal["running", "completed", "failed", "interrupted"]
@@ -54,6 +56,7 @@ class RunFolder:
         self._costs = TableWriter(path / COSTS)
         self._outlines = TableWriter(path / OUTLINES)
         self._shape = TableWriter(path / SHAPE)
+        self._stability = TableWriter(path / STABILITY)
 
     @classmethod
     def create(cls, path: Path, case: Case) -> Self:
@@ -88,9 +91,9 @@ class RunFolder:
         (path / STOP).unlink(missing_ok=True)
         if until is None:
             folder._begin(case)
-        tables = (path / name for name in (SERIES, COSTS, OUTLINES, SHAPE))
+        tables = (path / name for name in (SERIES, COSTS, OUTLINES, SHAPE, STABILITY))
         cut = [TableWriter.continued(table, -np.inf if until is None else until) for table in tables]
-        folder._series, folder._costs, folder._outlines, folder._shape = cut
+        folder._series, folder._costs, folder._outlines, folder._shape, folder._stability = cut
         again = {"at": now(), "from_s": until, "versions": versions(), "commit": commit()}
         folder.update_manifest(status="running", reason="", resumed=[*folder._manifest.get("resumed", []), again])
         return folder
@@ -122,6 +125,10 @@ class RunFolder:
     def record_shape(self, rows: list[dict[str, float]]) -> None:
         """Append the shapes of cross-sections at one time to shape.csv."""
         self._shape.append(*rows)
+
+    def record_stability(self, row: dict[str, float]) -> None:
+        """Append the stability at one time to stability.csv."""
+        self._stability.append(row)
 
     def log(self, text: str) -> None:
         """Append a line to run.log, with the seconds since the start."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ngfsi.errors import OutputError
 from ngfsi.output.fields import DISPLACEMENT, REGION
@@ -13,9 +14,9 @@ from ngfsi.output.stored import Columns, StoredRun
 
 Array = NDArray[np.float64]
 
-NEAR_WALL = 0.02
-"""Nodes this close to the wall's outer face (share of its radius) lie on it: curved cells of second order leave it by
-less."""
+SAME_NODE = 1e-4
+"""Nodes of tissue and wall this close, as a share of the lumen's radius, are one node of the face between them; they
+are stored with single precision."""
 ANGLES = 24
 PRESSURE = "hydrostatic_pressure_Pa"
 
@@ -42,16 +43,15 @@ class Surroundings:
         grid, geometry = run.fields(time), run.case.geometry
         if PRESSURE not in grid.point_data:
             raise OutputError(f"the run in '{run.path}' holds no hydrostatic pressure: compute it again")
-        tissue = [str(name) for name in grid.field_data["regions"]].index("tissue")
-        part = grid.extract_cells(np.flatnonzero(grid.cell_data[REGION] == tissue))
-        place = np.asarray(part.points - part.point_data[DISPLACEMENT], dtype=float)
-        x, y = (place[:, i] - geometry.vein_centre[i] for i in range(2))
-        radius = geometry.lumen_radius + geometry.wall_thickness
-        there = np.abs(np.hypot(x, y) / radius - 1) < NEAR_WALL
-        return cls(
-            np.arctan2(y, x)[there],
-            np.asarray(part.point_data[PRESSURE], dtype=float)[there],
+        regions = [str(name) for name in grid.field_data["regions"]]
+        tissue, wall = (
+            grid.extract_cells(np.flatnonzero(grid.cell_data[REGION] == regions.index(name)))
+            for name in ("tissue", "wall")
         )
+        places = [np.asarray(part.points - part.point_data[DISPLACEMENT], dtype=float) for part in (tissue, wall)]
+        there = cKDTree(places[1]).query(places[0])[0] < SAME_NODE * geometry.lumen_radius
+        x, y = (places[0][there, i] - geometry.vein_centre[i] for i in range(2))
+        return cls(np.arctan2(y, x), np.asarray(tissue.point_data[PRESSURE], dtype=float)[there])
 
     def by_angle(self) -> tuple[Array, Array]:
         """Return the middles of even sectors (rad) and the mean pressure (Pa) in each, NaN where no node is."""

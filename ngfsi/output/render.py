@@ -18,6 +18,7 @@ from typing import Any, Literal
 import matplotlib
 import numpy as np
 import pyvista as pv
+from imageio_ffmpeg import write_frames
 from matplotlib import pyplot as plt
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -80,7 +81,10 @@ def wall_shear_picture(runs: Mapping[str, StoredRun], times: Sequence[float], pa
 
 
 def animation(run: StoredRun, path: Path) -> str:
-    """Draw a GIF of the deforming vein with its wall shear stress, a frame for each stored wall, at most `FRAMES`.
+    """Draw the deforming vein with its wall shear stress, a frame for each stored wall, at most `FRAMES`.
+
+    Args:
+        path: .gif or .mp4
 
     Returns:
         Why there is no animation; empty when there is one.
@@ -200,7 +204,19 @@ def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path:
         plotter.camera.parallel_scale = max(1.1 * width, 0.53 * length / 3)  # frames are three times as wide as high
         frames.append(Image.fromarray(plotter.screenshot(return_img=True)))
         plotter.close()
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0)
+    _save_frames(frames, Path(path))
+
+
+def _save_frames(frames: Sequence[Image.Image], path: Path) -> None:
+    """Write pictures of one size as a film; of H.264, with the pixels that every player shows, if it is an MP4."""
+    if path.suffix.lower() != ".mp4":
+        frames[0].save(path, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0)
+        return
+    film = write_frames(str(path), frames[0].size, fps=1000 / FRAME_MS, macro_block_size=2)
+    film.send(None)
+    for frame in frames:
+        film.send(frame.convert("RGB").tobytes())
+    film.close()
 
 
 def _plotter(width: int, height: int) -> Any:

@@ -9,16 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from plotly.io import write_images
 from plotly.offline import get_plotlyjs
 
 from ngfsi.errors import NgfsiError, OutputError
-from ngfsi.measure.decomposition import STAGES, decompose
+from ngfsi.measure.decomposition import STAGES, decompose, narrowing
 from ngfsi.output import charts
 from ngfsi.output.charts import Runs
 from ngfsi.output.disk import explained
 from ngfsi.output.load import transmission
 from ngfsi.output.stored import SAME_TIME, StoredRun, open_run
-from ngfsi.output.tube import externals, in_one_dimension, overall_error, tube_laws
+from ngfsi.output.tube import Comparison, externals, in_one_dimension, overall_error, tube_laws
 from ngfsi.units import from_si
 
 REFERENCES = (
@@ -29,6 +30,8 @@ REFERENCES = (
     "Melbo and Kvamsdal, CMAME 192 (2003) 613: tractions from the balance of momentum.",
     "Schöberl, C++11 implementation of finite elements in NGSolve (2014); NETGEN, Comput Visual Sci 1 (1997) 41.",
 )
+Chart = tuple[str, Callable[[], Any], str]
+"""Title, maker and note of a chart."""
 STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;margin:0 auto;max-width:1200px;padding:1.5rem;color:#1a1a1a}
 h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.2rem;border-bottom:1px solid #ccc}
@@ -56,7 +59,7 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
     sections = [
         _headline(runs),
         _setup(runs),
-        *_charts(runs),
+        *(_chart(*one) for one in _charts(runs)),
         *_tube(runs),
         _claims(runs, claims or {}),
         _costs(runs),
@@ -73,6 +76,46 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
         destination.parent.mkdir(parents=True, exist_ok=True)
         destination.write_text(text, encoding="utf-8")
     return destination
+
+
+def figures(folders: Sequence[Path], destination: Path) -> list[Path]:
+    """Write each chart of the report of stored runs as SVG and as PNG, those in space as PNG, and return the files.
+
+    Args:
+        folders: of the runs.
+        destination: folder of the figures.
+
+    Raises:
+        OutputError: a folder holds no run, there is no browser to draw with, or the files cannot be written.
+    """
+    runs = _named(folders)
+    drawn: list[Any] = []
+    files: list[Path] = []
+    with explained(destination, "made"):
+        destination.mkdir(parents=True, exist_ok=True)
+    one_dimension = ("In one dimension", lambda: charts.one_dimension(_in_one_dimension(runs)), "")
+    for title, make, _ in (*_charts(runs), *_tube_charts(runs), one_dimension):
+        try:
+            figure = make()
+        except (NgfsiError, KeyError):  # the report says why
+            continue
+        figure.update_layout(title=title, width=1000, margin_t=80)
+        in_space = any(trace.type == "mesh3d" for trace in figure.data)
+        for kind in ("png",) if in_space else ("svg", "png"):
+            drawn.append(figure)
+            files.append(destination / f"{_slug(title)}.{kind}")
+    try:
+        write_images(drawn, files, scale=2)
+    except Exception as error:  # of kaleido and of the browser, which have no common class
+        raise OutputError(
+            "figures are drawn by kaleido with Chrome or Chromium, which did not work here (pip install kaleido; on "
+            f"Debian or Ubuntu: apt-get install chromium): {error}"
+        ) from None
+    return files
+
+
+def _slug(title: str) -> str:
+    return "".join(c if c.isalnum() else "_" for c in title.lower())
 
 
 def _named(folders: Sequence[Path]) -> dict[str, StoredRun]:
@@ -156,10 +199,10 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     return found
 
 
-def _charts(runs: Runs) -> list[str]:
-    """Return the sections with charts; one that a run lacks the data for says so."""
+def _charts(runs: Runs) -> list[Chart]:
+    """Return title, maker and note of the charts."""
     quantity = _column
-    first: list[tuple[str, Callable[[], Any], str]] = [
+    first: list[Chart] = [
         ("Area of the lumen",
          lambda: charts.over_time(runs, {"area": lambda r: 100 * quantity(r, "lumen_area_mean_m2")
                                          / quantity(r, "lumen_area_mean_m2")[0]}, "mean area [% of t = 0]"), ""),
@@ -194,20 +237,20 @@ def _charts(runs: Runs) -> list[str]:
                                   dashed=("skin",)),
          "Hydrostatic pressure of the tissue at the outer face of the vein's wall, and pressure on the skin."),
     ]  # fmt: skip
-    return [_chart(*one) for one in first]
+    if stable := {title: run for title, run in runs.items() if run.stability}:
+        first.append(("Stability", lambda: charts.stability(stable), _stability_note(stable)))
+        for title, run in stable.items():
+            first.append((f"Mode of collapse: {title}", lambda run=run: charts.collapse(run),  # type: ignore[misc]
+                          "Lower half of the segment, moved along the mode; colour: its relative size."))  # fmt: skip
+    return first
 
 
 def _tube(runs: Runs) -> list[str]:
     """Return the transmural pressure, the tube law, and the runs again in one dimension."""
-    shown = [
-        _chart("Along the vein: transmural pressure",
-               lambda: charts.along_vein(runs, "p_transmural_z", "_Pa", 1e-3, "transmural pressure [kPa]"),
-               "Blood less tissue: its normal traction on the wall, mean around. Dotted: t = 0."),
-        _chart("Tube law", lambda: charts.tube_law(runs), ""),
-    ]  # fmt: skip
+    shown = [_chart(*one) for one in _tube_charts(runs)]
     try:
         shown.append(_fits(runs))
-        compared = {title: in_one_dimension(run) for title, run in runs.items()}
+        compared = _in_one_dimension(runs)
     except (NgfsiError, KeyError) as error:
         return [*shown, f"<h2>In one dimension</h2>{_note(f'Not shown: {error}')}"]
     head = ["run, 1-D against 3-D", *(f"{name}: mean, rms %" for name in ("area", "flow", "SAWSS"))]
@@ -226,6 +269,19 @@ def _tube(runs: Runs) -> list[str]:
         _table(head, rows),
         _note(note),
     ]
+
+
+def _tube_charts(runs: Runs) -> list[Chart]:
+    return [
+        ("Along the vein: transmural pressure",
+         lambda: charts.along_vein(runs, "p_transmural_z", "_Pa", 1e-3, "transmural pressure [kPa]"),
+         "Blood less tissue: its normal traction on the wall, mean around. Dotted: t = 0."),
+        ("Tube law", lambda: charts.tube_law(runs), ""),
+    ]  # fmt: skip
+
+
+def _in_one_dimension(runs: Runs) -> dict[str, Comparison]:
+    return {title: in_one_dimension(run) for title, run in runs.items()}
 
 
 def _fits(runs: Runs) -> str:
@@ -256,10 +312,25 @@ def _chart(title: str, make: Callable[[], Any], note: str) -> str:
     except (NgfsiError, KeyError) as error:
         missing = error if isinstance(error, NgfsiError) else f"the run holds no {error}"
         return f"<h2>{escape(title)}</h2>{_note(f'Not shown: {missing}')}"
-    name = "".join(c if c.isalnum() else "_" for c in title.lower())
+    name = _slug(title)
     config = {"displaylogo": False, "responsive": True, "toImageButtonOptions": {"format": "svg", "filename": name}}
     body = figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=name)
     return f"<h2>{escape(title)}</h2>{body}{_note(note) if note else ''}"
+
+
+def _stability_note(runs: Runs) -> str:
+    said = [
+        "Critical: where the tangent of tissue and wall, the blood's pressure held, becomes singular on the straight "
+        "line through two stages; it is reliable near the dashed line, where the vein collapses."
+    ]
+    for title, run in runs.items():
+        critical, eigenvalue = (
+            run.stability[name][-1] for name in ("critical_skin_pressure_Pa", "smallest_eigenvalue_1_s2")
+        )
+        state = "stable" if eigenvalue > 0 else "not stable"
+        where = f", critical {from_si(critical, 'mmHg'):.3g} mmHg" if np.isfinite(critical) else ""
+        said.append(f"{title}: {state} at the last stage{where}.")
+    return " ".join(said)
 
 
 def _causes_note(runs: Runs) -> str:
@@ -286,7 +357,7 @@ def _claims(runs: Runs, claims: Mapping[str, Any]) -> str:
     """Return the printed numbers beside those of runs with the law they are of."""
     rows = []
     for title, run in runs.items():
-        law = {"mooney_rivlin": "M", "neo_hookean": "N"}.get(run.case.materials.law_of("tissue").law)
+        law = _law(run)
         if law is None or not claims:
             continue
         row, series = _loaded(run), run.series
@@ -305,7 +376,34 @@ def _claims(runs: Runs, claims: Mapping[str, Any]) -> str:
     note = f"Printed by {claims.get('citation', 'the source')}; the pressure is computed on the wall's side."
     return (
         f"<h2>Held against the printed numbers</h2>{_table(['claim', 'printed', 'computed', 'gap'], rows)}{_note(note)}"
+        f"{_note(_why(runs, claims))}"
     )
+
+
+def _why(runs: Runs, claims: Mapping[str, Any]) -> str:
+    """Return why the printed rises of SAWSS can or cannot follow from the printed losses of volume."""
+    said = []
+    for title, run in runs.items():
+        law, series = _law(run), run.series
+        losses, rises = (claims.get(key, {}) for key in ("volume_reduction_percent", "sawss_rise_percent"))
+        if law not in losses or law not in rises or not set(STAGES.values()) <= set(series):
+            continue
+        row, start = _loaded(run), float(series["sawss_Pa"][0])
+        parts = {cause: 100 * float(values[row]) / start for cause, values in decompose(series).items()}
+        flow = from_si(float(series["flow_in_m3_s"][0]), "ml_s")
+        said.append(
+            f"{title}: at a constant flow a loss of {losses[law]:g} % raises SAWSS by "
+            f"{100 * (narrowing(losses[law] / 100) - 1):.0f} %, not by {rises[law]:g} %; the rest must be blood that "
+            f"the vein expels itself and profiles that had no time to develop. With {flow:.3g} ml/s these add "
+            f"{parts['squeeze flow']:.0f} and {parts['profile']:.0f} % to the {parts['narrowing']:.0f} % of narrowing; "
+            "their share grows as the flow falls (study flow_rate)."
+        )
+    return " ".join(said)
+
+
+def _law(run: StoredRun) -> str | None:
+    """Return the source's letter for the law of a run's tissue."""
+    return {"mooney_rivlin": "M", "neo_hookean": "N"}.get(run.case.materials.law_of("tissue").law)
 
 
 def _costs(runs: Runs) -> str:

@@ -15,7 +15,7 @@ from ngfsi.case import Case
 from ngfsi.errors import OutputError
 from ngfsi.measure.shear_history import ShearHistory
 from ngfsi.output.disk import explained
-from ngfsi.output.folder import CASE, COSTS, MANIFEST, OUTLINES, SERIES, SHAPE
+from ngfsi.output.folder import CASE, COSTS, MANIFEST, OUTLINES, SERIES, SHAPE, STABILITY
 from ngfsi.output.table import read_table
 
 SAME_TIME = 1e-9
@@ -56,6 +56,11 @@ class StoredRun:
     def shape(self) -> Columns:
         """Shape of the lumen in cross-sections by column, a row per written time and station."""
         return read_table(self.path / SHAPE)
+
+    @cached_property
+    def stability(self) -> Columns:
+        """Smallest eigenvalue and critical pressure by column, a row per written time; empty if not asked for."""
+        return read_table(self.path / STABILITY)
 
     @cached_property
     def _outlines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

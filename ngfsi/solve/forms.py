@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
 
 SHAPES = (ng.TRIG, ng.QUAD, ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
 
@@ -71,3 +73,52 @@ def tangent_form(space: Any, parts: Sequence[Part], *, condense: bool = False) -
         for integrand in integrands:
             form += integrand.Compile() * measure
     return form
+
+
+class WithoutRows:
+    """A form without what another one, whose terms it has too, contributes to some of its equations.
+
+    Both are of one space; condensation would spread the terms to be left out over other equations.
+    """
+
+    condense = False
+
+    def __init__(self, whole: ng.BilinearForm, part: ng.BilinearForm, rows: NDArray[np.int64]) -> None:
+        """Prepare; `rows`: numbers of the equations."""
+        self._whole, self._part, self._rows = whole, part, rows
+        self.space = whole.space
+        self._entries: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+
+    @property
+    def mat(self) -> Any:
+        """The matrix of the last linearisation."""
+        return self._whole.mat
+
+    def Apply(self, state: Any, residual: Any) -> None:
+        """Write the residual at `state`."""
+        other = residual.CreateVector()
+        self._whole.Apply(state, residual)
+        self._part.Apply(state, other)
+        residual.FV().NumPy()[self._rows] -= other.FV().NumPy()[self._rows]
+
+    def AssembleLinearization(self, state: Any) -> None:
+        """Linearise at `state`."""
+        self._whole.AssembleLinearization(state)
+        self._part.AssembleLinearization(state)
+        values, other = (form.mat.AsVector().FV().NumPy() for form in (self._whole, self._part))
+        if self._entries is None:
+            self._entries = self._common_entries()
+        here, there = self._entries
+        values[here] -= other[there]
+
+    def _common_entries(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return where the entries of the rows of the part are in both matrices."""
+        places, keys = [], []
+        for form in (self._whole, self._part):
+            columns, starts = (np.asarray(part, dtype=np.int64) for part in form.mat.CSR()[1:])
+            place = np.concatenate([np.arange(starts[row], starts[row + 1]) for row in self._rows])
+            places.append(place)
+            keys.append(np.repeat(self._rows, np.diff(starts)[self._rows]) * form.space.ndof + columns[place])
+        order = np.argsort(keys[0])
+        found = order[np.searchsorted(keys[0], keys[1], sorter=order)]
+        return places[0][found], places[1]

@@ -20,7 +20,7 @@ from ngfsi.materials.small_strain import SmallStrain
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics, in_space
 from ngfsi.solve.boundary import boundary_values
-from ngfsi.solve.forms import Part, reduced_rules, residual_form, rules, tangent_form
+from ngfsi.solve.forms import Part, WithoutRows, reduced_rules, residual_form, rules, tangent_form
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
 from ngfsi.stopwatch import Stopwatch
@@ -99,10 +99,7 @@ class System:
         self.relaxation: GridFunction | None = None
         if case.conditions.initial_state == "prestress":
             self.relaxation = GridFunction(space.components[0])
-        parts = self.parts(elements)
-        self.form = residual_form(space, parts)
-        # interior unknowns appear from order 3 on
-        self.tangent = tangent_form(space, parts, condense=self.unknowns.order >= 3)
+        self.form, self.tangent = self._forms(space, elements)
         self._residual = self.state.vec.CreateVector()
         self._told: dict[str, Vector] = {}
         self._inlet = Inlet(self) if domain.geometry.fluid else None
@@ -114,6 +111,25 @@ class System:
         return self.case.materials.fluid
 
     # ---------------------------------------------------------------- weak form
+
+    def _forms(self, space: Any, elements: ng.BitArray | None) -> tuple[Any, Any]:
+        """Return residual and tangent.
+
+        With one-way coupling the blood's terms are missing in the equations of the solids, where they are its traction.
+        """
+        parts = self.parts(elements)
+        if not self._one_way:
+            # interior unknowns appear from order 3 on
+            return residual_form(space, parts), tangent_form(space, parts, condense=self.unknowns.order >= 3)
+        blood, rows = self.fluid_parts(elements), self.unknowns.blocks["d"]
+        return (
+            WithoutRows(residual_form(space, parts), residual_form(space, blood), rows),
+            WithoutRows(tangent_form(space, parts), tangent_form(space, blood), rows),
+        )
+
+    @property
+    def _one_way(self) -> bool:
+        return self.case.conditions.coupling == "one_way" and self.domain.has_boundary("interface")
 
     def fields(self, parts: Any) -> Fields:
         """Return the blood's and the mesh's fields for `parts` = (m, w, p)."""
@@ -189,8 +205,30 @@ class System:
             return parts
         if self.domain.has_boundary("skin"):
             parts.append(self._pressure_on("skin", self._on_skin(), m, v))
+        if self._one_way:
+            parts.append(self._blood_on_wall(self.outlet_pressure, m, v))
         lumens = getattr(self.domain.geometry, "lumen_names", ())
         return parts + [self._pressure_on(name, self.outlet_pressure, m, v) for name in lumens]
+
+    def static_parts(self, m: Any, v: Any) -> list[Part]:
+        """Return the integrands of the solids at rest under the present pressures, the blood's held as it is.
+
+        Args:
+            m, v: motion and test function of the space of the motion alone.
+        """
+        F, relaxation = Kinematics(ng.Grad(m)).F, self.stress_free_gradient()
+        parts = [part for name in self.solids for part in self.work_parts(name, F, ng.Grad(v), relaxation)]
+        if self.domain.has_boundary("skin"):
+            parts.append(self._pressure_on("skin", self._on_skin(), m, v))
+        if self.domain.geometry.fluid and self.domain.has_boundary("interface"):
+            blood = self.outlet_pressure if self._one_way else self.state.components[2]
+            parts.append(self._blood_on_wall(blood, m, v))
+        return parts
+
+    def _blood_on_wall(self, pressure: Any, m: Any, v: Any) -> Part:
+        """Return the work of a pressure of the blood on the deformed interface."""
+        k, out_of_blood = Kinematics(ng.Grad(m).Trace()), self.domain.outward_normal()
+        return Part([-terms.follower_pressure(pressure, k, out_of_blood, v.Trace())], self.domain.ds("interface"))
 
     def _pressure_on(self, name: str, pressure: Any, m: Any, v: Any) -> Part:
         """Return the work of a pressure on a boundary, on its deformed shape unless strains are small."""

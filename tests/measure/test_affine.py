@@ -16,7 +16,7 @@ from ngfsi.measure.quantities import row
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.shape import Shape
 from ngfsi.solve.system import System
-from tests.vein import BLOOD, BONED, TISSUE, case_of, position, system_of
+from tests.vein import BLOOD, BONED, TISSUE, case_of, position, set_motion, system_of
 
 Array = NDArray[np.float64]
 
@@ -225,3 +225,15 @@ def test_hydrostatic_pressure(probe: Probe) -> None:
     assert found["p_tissue_side_Pa"] == pytest.approx(-np.trace(tissue) / 3, rel=1e-9)
     for where in ("side", "mean"):
         assert found[f"p_wall_{where}_Pa"] == pytest.approx(-np.trace(wall) / 3, rel=1e-9)
+
+
+def test_free_ends_that_have_moved_in() -> None:
+    """A vein shortened to 0.7 of its length is a cylinder still, also for the planes that it no longer reaches."""
+    system = system_of(case_of(BONED))
+    set_motion(system, ng.CF((0, 0, -0.3 * (ng.z - LENGTH / 2))))
+    sections = Sections(system)
+    sections.refresh()
+    found = Shape.of(sections)
+    assert found.area == pytest.approx(np.full(11, np.pi * RADIUS**2), rel=5 * circle_error(system))
+    assert found.axis == pytest.approx(np.tile([0, 0, 1], (11, 1)), abs=1e-6)
+    assert found.centre[:, 2].min() == pytest.approx(2e-3, rel=1e-3)

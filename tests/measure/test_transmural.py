@@ -53,6 +53,26 @@ def test_large_strain() -> None:
     assert load.tissue == pytest.approx(np.full(3, -factor * (stretch**2 - 1) / 2), rel=1e-5)
 
 
+def test_a_sheared_vein() -> None:
+    """Tissue that slides along the vein, z + g x, presses as a closed form of its stress says, by the deformed normal:
+    F has a row that its cofactor has not, and taking one for the other is seen."""
+    mu, lam, g = 8e3, 5e3, 0.3
+    young, poisson = mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))
+    tissue = SaintVenantKirchhoff(young=young, poisson=poisson, density=0.0)
+    system = system_of(case_of(TUBE, **{"materials.tissue": tissue}))
+    x = position()[0]
+    set_motion(system, ng.CF((0, 0, g * x)))
+    load = _load(system, np.linspace(0, TUBE.length, 3))
+    F = np.eye(3) + g * np.outer([0, 0, 1], [1, 0, 0])
+    E = (F.T @ F - np.eye(3)) / 2
+    sigma = F @ (lam * np.trace(E) * np.eye(3) + 2 * mu * E) @ F.T / np.linalg.det(F)
+    angle = 2 * np.pi * (np.arange(400) + 0.5) / 400
+    normals = np.linalg.inv(F).T @ np.array([np.cos(angle), np.sin(angle), 0 * angle])
+    area = np.linalg.norm(normals, axis=0)
+    pressure = -np.einsum("ia,ij,ja->a", normals, sigma, normals) / area**2
+    assert load.tissue == pytest.approx(np.full(3, np.average(pressure, weights=area)), rel=1e-4)
+
+
 def _load(system: System, heights: NDArray[np.float64]) -> WallLoad:
     tissue = Side(system, "tissue")
     load = WallLoad(system, heights, tissue)

@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import imageio_ffmpeg
 import matplotlib.image
 import numpy as np
 import PIL.Image
@@ -71,6 +72,17 @@ def test_animation(stored: StoredRun, tmp_path: Path) -> None:
         column = np.ptp(picture[:, picture.shape[1] // 2], axis=-1) > 30
         heights.append(column.sum())
     assert heights[1] / heights[0] == pytest.approx(np.sqrt(0.75), abs=0.06)
+
+
+def test_a_film(tmp_path: Path) -> None:
+    """Frames of one colour each come back from the MP4 as they went in, in their order."""
+    colours = [(200, 30, 30), (30, 160, 60), (40, 60, 190)]
+    render._save_frames([PIL.Image.new("RGB", (64, 36), colour) for colour in colours], tmp_path / "film.mp4")
+    reader = imageio_ffmpeg.read_frames(str(tmp_path / "film.mp4"))
+    facts = next(reader)
+    assert facts["size"] == (64, 36)
+    frames = [np.frombuffer(frame, dtype=np.uint8).reshape(36, 64, 3) for frame in reader]
+    assert np.array([frame.mean(axis=(0, 1)) for frame in frames]) == pytest.approx(np.array(colours), abs=8)
 
 
 def test_an_animation_that_cannot_be_written(stored: StoredRun, tmp_path: Path) -> None:

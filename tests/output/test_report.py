@@ -13,17 +13,19 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
+import PIL.Image
 import pytest
 
 from ngfsi.errors import OutputError
 from ngfsi.output import charts
+from ngfsi.output import report as report_module
 from ngfsi.output.folder import RunFolder
-from ngfsi.output.report import report
+from ngfsi.output.report import figures, report
 from ngfsi.output.stored import StoredRun
 from tests.output.fake import CASE, GEOMETRY, fake_run
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-CLAIMS = {"citation": "a book", "volume_reduction_percent": {"M": 30.0}}
+CLAIMS = {"citation": "a book", "volume_reduction_percent": {"M": 30.0}, "sawss_rise_percent": {"M": 205.0}}
 
 LISTEN = """<script>window.failures = [];
 window.addEventListener('error', e => failures.push(String(e.message)));
@@ -66,6 +68,8 @@ def test_what_it_says(page: Path) -> None:
     ratio = 1.5 * 0.75**-1.5
     assert f"<b>{ratio:.2f}</b>" in text
     assert "fake (M): volume reduction percent</td><td>30</td><td>25</td><td>-5</td>" in text
+    # (1 - 0.3)^-1.5: what the printed loss explains
+    assert "a loss of 30 % raises SAWSS by 71 %, not by 205 %" in text
     # the fake's area is linear in the pressure on the skin
     assert re.search(r"fake, linear</td><td>skin</td>.*?<td>0.000</td><td>0.000</td>", text)
     # nothing is fetched: no address is loaded by the page itself
@@ -97,6 +101,26 @@ def test_the_cut(stored: StoredRun) -> None:
     assert area == pytest.approx(expected, rel=0.03)
     # the fake's pressure is 0.1 kPa per mm of the reference place, which differs by a millimetre at most
     assert np.abs(pressure - 0.1 * x[None, :])[inside].max() < 0.2
+
+
+@pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason=f"no browser is installed: {', '.join(BROWSERS)}")
+def test_figures(stored: StoredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each chart is drawn as SVG with its title and the units of its axes, and as PNG that is not blank."""
+    charted = report_module._charts
+
+    def some(runs: Any) -> Any:
+        return [chart for chart in charted(runs) if chart[0] in ("Area of the lumen", "Vein in space: fake")]
+
+    monkeypatch.setattr(report_module, "_charts", some)
+    monkeypatch.setattr(report_module, "_tube_charts", lambda _: [])
+    monkeypatch.setattr(report_module, "_in_one_dimension", lambda _: {}["nothing"])
+    files = {path.name: path for path in figures([stored.path], tmp_path / "figures")}
+    assert set(files) == {"area_of_the_lumen.svg", "area_of_the_lumen.png", "vein_in_space__fake.png"}
+    drawing = files["area_of_the_lumen.svg"].read_text(encoding="utf-8")
+    for text in ("Area of the lumen", "time [s]", "mean area [% of t = 0]"):
+        assert f">{text}</text>" in drawing
+    picture = np.asarray(PIL.Image.open(files["vein_in_space__fake.png"]).convert("RGB"))
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
 
 
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason=f"no browser is installed: {', '.join(BROWSERS)}")
