@@ -295,6 +295,7 @@ class Computation:
                 "wall_s": step.seconds,
                 "iterations": taken.iterations,
                 "factorisations": taken.factorisations,
+                "linear_iterations": taken.linear_iterations,
             }
         )
 

@@ -1,7 +1,7 @@
-"""Direct solvers: which there are, whether they are here, and how they are told to work.
+"""Linear solvers: which there are, whether they are here, and how they are told to work.
 
-Each speaks NGSolve's interface of analysis, factorisation, solution and renewed factorisation; another one is another
-entry of `BACKENDS`.
+The direct ones speak NGSolve's interface of analysis, factorisation, solution and renewed factorisation; another one is
+another entry of `BACKENDS`.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import numpy as np
 from ngsolve.solvers.mkl_pardiso import MKLPardiso
 
 from ngfsi.errors import SolverError
+from ngfsi.solve.multigrid import Levels, PMultigrid
 
-Name = Literal["pardiso", "pardiso_single", "umfpack"]
+Name = Literal["pardiso", "pardiso_single", "umfpack", "p_multigrid"]
 
 NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
 """It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the
@@ -59,7 +60,7 @@ def without_mkl() -> str:
 
 @dataclass(frozen=True)
 class Backend:
-    """A direct solver, as NGSolve knows it.
+    """A direct solver, as NGSolve knows it, or one with other `factors`.
 
     Attributes:
         name: for `solver.linear` and for NGSolve.
@@ -75,11 +76,33 @@ class Backend:
     updates: bool = False
     flags: Mapping[str, Any] = field(default_factory=dict)
 
-    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None) -> Any:
-        """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible."""
+    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, levels: Callable[[], Levels] | None) -> Any:
+        """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible.
+
+        Args:
+            levels: returns those of an iterative solver.
+        """
         if old is None or not self.updates:
             return matrix.Inverse(rows, inverse=self.name, **({"flags": dict(self.flags)} if self.flags else {}))
         old.Update()
+        return old
+
+
+class Iterative(Backend):
+    """GMRES with p-multigrid, whose parts the best direct solver takes."""
+
+    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, levels: Callable[[], Levels] | None) -> Any:
+        """As of a direct solver.
+
+        Raises:
+            SolverError: the unknowns of this system have no levels.
+        """
+        if levels is None:
+            raise SolverError("solver.linear = 'p_multigrid' is for coupled systems: use 'auto' for this one")
+        direct = BACKENDS[choose_backend("auto")]
+        if old is None:
+            return PMultigrid(matrix, rows, levels(), lambda *chosen: direct.factors(*chosen, None))
+        old.update()
         return old
 
 
@@ -90,6 +113,8 @@ BACKENDS = {
         Backend("umfpack", "comes with NGSolve"),
         Backend("pardiso_single", "Pardiso with factors of single precision: less memory for more iterations, to the "
                 "same tolerance", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
+        Iterative("p_multigrid", "GMRES, tissue by two-level p-multigrid, blood and wall by a direct solver: for large "
+                  "tissues, whose factors would not fit"),
     )
 }  # fmt: skip
 """In the order in which 'auto' takes them."""
