@@ -20,6 +20,8 @@ from ngfsi.solve.multigrid import Levels, PMultigrid
 
 Name = Literal["pardiso", "pardiso_single", "umfpack", "p_multigrid"]
 
+GetLevels = Callable[[], Levels] | None
+
 NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
 """It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the
 time of a solve."""
@@ -76,11 +78,11 @@ class Backend:
     updates: bool = False
     flags: Mapping[str, Any] = field(default_factory=dict)
 
-    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, levels: Callable[[], Levels] | None) -> Any:
+    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None) -> Any:
         """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible.
 
         Args:
-            levels: returns those of an iterative solver.
+            _levels: returns those of an iterative solver.
         """
         if old is None or not self.updates:
             return matrix.Inverse(rows, inverse=self.name, **({"flags": dict(self.flags)} if self.flags else {}))
@@ -91,17 +93,17 @@ class Backend:
 class Iterative(Backend):
     """GMRES with p-multigrid, whose parts the best direct solver takes."""
 
-    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, levels: Callable[[], Levels] | None) -> Any:
+    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None) -> Any:
         """As of a direct solver.
 
         Raises:
             SolverError: the unknowns of this system have no levels.
         """
-        if levels is None:
+        if _levels is None:
             raise SolverError("solver.linear = 'p_multigrid' is for coupled systems: use 'auto' for this one")
         direct = BACKENDS[choose_backend("auto")]
         if old is None:
-            return PMultigrid(matrix, rows, levels(), lambda *chosen: direct.factors(*chosen, None))
+            return PMultigrid(matrix, rows, _levels(), direct.factors)
         old.update()
         return old
 

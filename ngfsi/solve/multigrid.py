@@ -5,9 +5,10 @@ The preconditioner is block triangular, one correction after the other:
 1. blood, wall and the tissue's functions of first order, by a direct solver. The basis is hierarchical, so their matrix
    is a part of the whole one. The blood's added mass and the thin, stiff wall, which no smoother bears, are in it;
 2. mesh motion, which follows from the wall, by a direct solver;
-3. the tissue, by one sweep of block Gauss-Seidel over the patches of elements around its vertices, with which iterations
-   do not grow with the order (Schöberl, Melenk, Pechstein and Zaglmayr, IMA J Numer Anal 28, 2008) and hardly as
-   volume becomes harder to change.
+3. the tissue, by one sweep of block Gauss-Seidel over the patches of elements around its vertices, with which
+   iterations do not grow with the order (Schöberl, Melenk, Pechstein and Zaglmayr, IMA J Numer Anal 28, 2008).
+
+docs/solvers.md has the numbers of iterations, and from which size on this is faster than a direct solver.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import EDGE, FACE, VERTEX, NodeId
+from ngsolve import CELL, EDGE, FACE, VERTEX, NodeId
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, gmres
@@ -60,7 +61,8 @@ def levels_of(domain: Domain, unknowns: Unknowns) -> Levels:
     patches = [[on(VERTEX, i)] for i in range(mesh.nv)]
     direct = ~fine
     direct[np.concatenate([patch[0] for patch in patches])] = True
-    for kind, count in ((EDGE, mesh.nedge), (FACE, mesh.nface)):
+    cells = mesh.ne if mesh.dim == 3 else 0
+    for kind, count in ((EDGE, mesh.nedge), (FACE, mesh.nface), (CELL, cells)):
         for i in range(count):
             inside = on(kind, i)
             for vertex in mesh[NodeId(kind, i)].vertices:
@@ -112,6 +114,8 @@ class PMultigrid:
         patches = (patch[solved[patch]].tolist() for patch in levels.patches)
         self._patches = [patch for patch in patches if patch]
         self._x, self._y, self._defect, self._correction = (matrix.CreateColVector() for _ in range(4))
+        for vector in (self._x, self._defect):  # of which only parts are written
+            vector[:] = 0.0
         self.update()
 
     def update(self) -> None:
