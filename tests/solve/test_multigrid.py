@@ -71,7 +71,7 @@ COUNTS = {
     "coarse": (vein(mesh(10e-3, 5e-3, 2)), 8),
     "fine": (vein(mesh(4e-3, 3e-3, 5)), 8),
     "order 3": (vein(mesh(10e-3, 5e-3, 2, 3)), 10),
-    "order 4": (vein(mesh(20e-3, 8e-3, 1, 4)), 10),
+    "order 4": (vein(mesh(20e-3, 8e-3, 1, 4)), 11),
     "short step": (vein(MIDDLE, step=1e-4), 8),
     "long step": (vein(MIDDLE, step=0.2), 8),
     "poisson 0.49": (vein(MIDDLE, poisson=0.49), 17),
