@@ -186,8 +186,10 @@ Iterations that reduce the error of an update to 1e-2, as Newton's method uses i
 and Mooney-Rivlin tissue unless said otherwise; steps and Poisson ratios are varied on the coarsest mesh, and from 0.49
 on the bulk is integrated at fewer points.
 """
-BESIDE = """One processor, seconds of its time. Renewal: all that is made once per matrix, but assembly; solve: one
-of the 6 to 10 of a step; memory: of the whole process.
+BESIDE = """Where factors fit, a direct solver is the faster the longer they serve; it stays the default.
+
+One processor, seconds of its time. Renewal: all that is made once per matrix, but assembly; solve: one of the 6 to
+10 of a step; memory: of the whole process.
 """
 
 if __name__ == "__main__":
