@@ -2,8 +2,8 @@
 
     python -m studies.linear_solvers
 
-Each system is the linearised first step from rest, made in a process of its own; docs/solvers.md keeps the tables.
-Seconds are of the processor, so that they stand on a machine with other work.
+Each system is the linearised first step from rest, made in a process of its own. Seconds are of the
+processor: renewal is all that is made once per matrix but assembly; memory is that of the whole process.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import resource
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
-from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
 
@@ -23,7 +22,6 @@ from geometry.segment import MeshSettings
 from ngfsi.case import Case, Materials
 from ngfsi.domain import Domain
 from ngfsi.errors import SolverError
-from ngfsi.output.disk import replace_file
 from ngfsi.solve import multigrid
 from ngfsi.solve.backends import Name, choose_backend
 from ngfsi.solve.linear import Factorisation
@@ -33,7 +31,6 @@ from ngfsi.stopwatch import Stopwatch
 from ngfsi.study import markdown_table
 from studies.compare_tissues import LEVELS, MAIN, case
 
-WRITTEN = Path(__file__).parent.parent / "docs/solvers.md"
 TIGHT = 1e-6
 
 
@@ -172,26 +169,10 @@ def sizes() -> Iterable[tuple[str, ...]]:
 
 
 def main() -> None:
-    """Compute all and write the tables."""
-    first = markdown_table(("system", "unknowns", "to 1e-2", "to 1e-6"), list(robustness()))
-    head = ("calf", "unknowns", "solver", "renewal (s)", "solve (s)", "memory (GB)")
-    replace_file(WRITTEN, f"{ABOUT}\n{first}\n\n{BESIDE}\n{markdown_table(head, list(sizes()))}\n".encode())
+    """Compute all and print the tables."""
+    print(markdown_table(("system", "unknowns", "to 1e-2", "to 1e-6"), list(robustness())))
+    print(markdown_table(("calf", "unknowns", "solver", "renewal (s)", "solve (s)", "memory (GB)"), list(sizes())))
 
-
-ABOUT = """# Linear solvers
-
-`solver.linear = "p_multigrid"` is GMRES with the preconditioner described at the top of `ngfsi/solve/multigrid.py`.
-Written by `python -m studies.linear_solvers`; all are the calf's first step from rest.
-
-Iterations that reduce the error of an update to 1e-2, as Newton's method uses it, and to 1e-6. Order 2, steps of 10 ms
-and Mooney-Rivlin tissue unless said otherwise; steps and Poisson ratios are varied on the coarsest mesh, and from 0.49
-on the bulk is integrated at fewer points.
-"""
-BESIDE = """Where factors fit, a direct solver is the faster the longer they serve; it stays the default.
-
-One processor, seconds of its time. Renewal: all that is made once per matrix, but assembly; solve: one of the 6 to
-10 of a step; memory: of the whole process.
-"""
 
 if __name__ == "__main__":
     main()
