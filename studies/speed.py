@@ -70,6 +70,7 @@ VARIANTS: dict[str, Callable[[Case], Case]] = {
     "textbook": _textbook,
     "newton": lambda plain: plain.replace(**{"solver.linearise": "always"}),
     "single": lambda plain: plain.replace(**{"solver.linear": "pardiso_single"}),
+    "p_multigrid": lambda plain: plain.replace(**{"solver.linear": "p_multigrid"}),
     "umfpack": lambda plain: plain.replace(**{"solver.linear": "umfpack"}),
     "tetrahedra": _on_tetrahedra,
 }

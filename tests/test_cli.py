@@ -185,7 +185,7 @@ def test_info_before_the_first_step_and_of_the_installation(capsys: pytest.Captu
     assert "no step is stored yet" in ngfsi_(capsys, "info", str(tmp_path / "run"))[1]
     code, out, _ = ngfsi_(capsys, "info")
     assert code == 0
-    assert re.search(r"direct solver +(pardiso|umfpack)", out)
+    assert re.search(r"linear solver +(pardiso|umfpack)", out)
     assert re.search(r"ngsolve +\d+\.\d+", out)
 
 

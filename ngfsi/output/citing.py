@@ -21,6 +21,8 @@ SOLVERS = {
     "pardiso": "O. Schenk, K. Gärtner, Solving unsymmetric sparse systems of linear equations with PARDISO, Future "
     "Generation Computer Systems 20 (2004) 475",
     "umfpack": "T. A. Davis, Algorithm 832: UMFPACK V4.3, ACM Trans Math Softw 30 (2004) 196",
+    "p_multigrid": "J. Schöberl, J. M. Melenk, C. Pechstein, S. Zaglmayr, Additive Schwarz preconditioning for "
+    "p-version triangular and tetrahedral finite elements, IMA J Numer Anal 28 (2008) 1",
 }
 PRESTRESS = (
     "S. Govindjee, P. A. Mihalic, Computational methods for inverse finite elastostatics, Comput Methods Appl Mech "

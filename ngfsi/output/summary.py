@@ -55,7 +55,7 @@ def run_summary(run: StoredRun) -> RenderableType:
 def installation() -> RenderableType:
     """Return the versions and the solver that a run would use here."""
     facts: dict[str, Any] = dict(versions())
-    facts["direct solver"] = choose_backend("auto")
+    facts["linear solver"] = choose_backend("auto")
     for name, backend in BACKENDS.items():
         facts[f"  {name}"] = backend.missing() or backend.about
     facts["threads"] = f"{ngsolve.ngsglobals.numthreads} of {os.cpu_count()} processors"

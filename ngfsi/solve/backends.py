@@ -1,7 +1,7 @@
-"""Direct solvers: which there are, whether they are here, and how they are told to work.
+"""Linear solvers: which there are, whether they are here, and how they are told to work.
 
-Each speaks NGSolve's interface of analysis, factorisation, solution and renewed factorisation; another one is another
-entry of `BACKENDS`.
+The direct ones speak NGSolve's interface of analysis, factorisation, solution and renewed factorisation; another one is
+another entry of `BACKENDS`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,13 @@ import numpy as np
 from ngsolve.solvers.mkl_pardiso import MKLPardiso
 
 from ngfsi.errors import SolverError
+from ngfsi.solve.multigrid import Levels, PMultigrid
 from ngfsi.solve.mumps import without_petsc
 from ngfsi.world import world
 
-Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps"]
+Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid"]
+
+GetLevels = Callable[[], Levels] | None
 
 NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
 """It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the
@@ -61,7 +64,7 @@ def without_mkl() -> str:
 
 @dataclass(frozen=True)
 class Backend:
-    """A direct solver, as NGSolve knows it.
+    """A direct solver, as NGSolve knows it, or one with other `factors`.
 
     Attributes:
         name: for `solver.linear` and for NGSolve.
@@ -79,16 +82,39 @@ class Backend:
     flags: Mapping[str, Any] = field(default_factory=dict)
     distributed: bool = False
 
-    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, shared: bool = False) -> Any:
+    def factors(
+        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, *, shared: bool = False
+    ) -> Any:
         """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible.
 
         Args:
+            _levels: returns those of an iterative solver.
             shared: the matrix is the sum of those with which all ranks call this.
         """
         flags = {**self.flags, **({"shared": True} if shared else {})}
         if old is None or not self.updates:
             return matrix.Inverse(rows, inverse=self.name, **({"flags": flags} if flags else {}))
         old.Update()
+        return old
+
+
+class Iterative(Backend):
+    """GMRES with p-multigrid, whose parts the best direct solver takes."""
+
+    def factors(
+        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, *, shared: bool = False
+    ) -> Any:
+        """As of a direct solver.
+
+        Raises:
+            SolverError: the unknowns of this system have no levels.
+        """
+        if _levels is None or shared:
+            raise SolverError("solver.linear = 'p_multigrid' is for coupled systems: use 'auto' for this one")
+        direct = BACKENDS[choose_backend("auto")]
+        if old is None:
+            return PMultigrid(matrix, rows, _levels(), direct.factors)
+        old.update()
         return old
 
 
@@ -100,6 +126,8 @@ BACKENDS = {
         Backend("pardiso_single", "Pardiso with factors of single precision: less memory for more iterations, to the "
                 "same tolerance", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
         Backend("mumps", "through PETSc, the one for several ranks", without_petsc, updates=True, distributed=True),
+        Iterative("p_multigrid", "GMRES, tissue by two-level p-multigrid, blood and wall by a direct solver: for large "
+                  "tissues, whose factors would not fit"),
     )
 }  # fmt: skip
 """In the order in which 'auto' takes them."""

@@ -136,7 +136,7 @@ def _relax(system: System, backend: Name) -> int:
     form = tangent_form(space, parts, condense=system.tangent.condense)
     load = np.array(system.residual().FV().NumPy()[: space.ndof])  # of blood and skin: the tissue is not stressed yet
     free = system.unknowns.free("d")[: space.ndof]
-    factorisation = Factorisation(form, free, backend)
+    factorisation = Factorisation(form, free, backend, levels=lambda: system.levels)
     residual, update = relaxation.vec.CreateVector(), relaxation.vec.CreateVector()
     for _ in range(NEWTON_STEPS):
         form.Apply(relaxation.vec, residual)

@@ -1,7 +1,8 @@
-"""Direct solution of the linearised system: static condensation, and factorisations that outlive their matrix."""
+"""Solution of the linearised system: static condensation, and factorisations that outlive their matrix."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import ngsolve as ng
@@ -10,10 +11,12 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
 from ngfsi.solve.backends import BACKENDS, Name
+from ngfsi.solve.multigrid import Levels, PMultigrid
 from ngfsi.stopwatch import Stopwatch
 from ngfsi.world import ALONE, World
 
 Mask = NDArray[np.bool_]
+Vector = NDArray[np.float64]
 
 
 class Factorisation:
@@ -24,13 +27,14 @@ class Factorisation:
 
     def __init__(
         self, form: ng.BilinearForm, free: Mask, backend: Name, equations: NDArray[np.int64] | None = None,
-        watch: Stopwatch | None = None, world: World = ALONE,
+        watch: Stopwatch | None = None, levels: Callable[[], Levels] | None = None, world: World = ALONE,
     ) -> None:  # fmt: skip
         """Prepare.
 
         Args:
             equations: number of the form's row that is each unknown's equation, an involution; default: its own.
             watch: takes the seconds of assembly, factorisation and solves.
+            levels: returns those of p-multigrid.
             world: ranks of which each has a share of the form, and which all call `renew` and `solve`.
         """
         self.form = form
@@ -41,6 +45,7 @@ class Factorisation:
         self._solved = ng.BitArray(list(free & np.array(list(form.space.FreeDofs(form.condense)))))
         self._target: NDArray[np.int64] | None = None
         self._inverse: Any = None
+        self._levels = levels
 
     def renew(self, state: Any) -> None:
         """Linearise at `state` and factorise.
@@ -52,8 +57,8 @@ class Factorisation:
             with self._watch("assembly"):
                 self._world.together(lambda: self._assemble(state))
             with self._watch("factorisation"):
-                shared = self._world.size > 1
-                self._inverse = BACKENDS[self.backend].factors(self.form.mat, self._solved, self._inverse, shared)
+                backend, shared = BACKENDS[self.backend], self._world.size > 1
+                self._inverse = backend.factors(self.form.mat, self._solved, self._inverse, self._levels, shared=shared)
         except Exception as error:  # NGSolve raises its own and generic exceptions for singular element matrices
             if self._world.size > 1 and not isinstance(error, SolverError):
                 raise  # what the other ranks do not know of cannot be gone on from
@@ -80,24 +85,41 @@ class Factorisation:
             raise SolverError("equations can be exchanged only between rows with entries in the same columns")
         return target, source
 
-    def solve(self, residual: Any, update: Any) -> None:
+    @property
+    def linear_iterations(self) -> int:
+        """Iterations of an iterative solver since the beginning; 0 for a direct one."""
+        return self._inverse.iterations if isinstance(self._inverse, PMultigrid) else 0
+
+    def solve(self, residual: Any, update: Any, scale: Vector | None = None) -> None:
         """Write the solution of (linearisation) update = residual, zero on fixed unknowns, to `update`.
 
         `residual` has the equation of each unknown in that unknown's place, and is overwritten.
+
+        Args:
+            scale: of each unknown, in whose measure an iterative solver judges its error; default: 1.
+
+        Raises:
+            SolverError: an iterative solver does not converge.
         """
         with self._watch("solves"):
-            self._solve(residual, update)
+            self._solve(residual, update, scale)
 
-    def _solve(self, residual: Any, update: Any) -> None:
+    def _invert(self, right: Any, result: Any, scale: Vector | None) -> None:
+        if isinstance(self._inverse, PMultigrid):
+            result.FV().NumPy()[:] = self._inverse.solve(right, scale)
+        else:
+            result.data = self._inverse * right
+
+    def _solve(self, residual: Any, update: Any, scale: Vector | None) -> None:
         if not self.form.condense:
-            update.data = self._inverse * residual
+            self._invert(residual, update, scale)
             return
         values = residual.FV().NumPy()
         raw = residual.CreateVector()
         raw.FV().NumPy()[self._equations] = values
         raw.data += self._of_all(self.form.harmonic_extension_trans * raw)
         values[:] = raw.FV().NumPy()[self._equations]
-        update.data = self._inverse * residual
+        self._invert(residual, update, scale)
         update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
 
     def _of_all(self, product: Any) -> Any:

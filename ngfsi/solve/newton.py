@@ -53,6 +53,7 @@ class Solution:
 
     iterations: int = 0
     factorisations: int = 0
+    linear_iterations: int = 0
     changes: dict[str, float] = field(default_factory=dict)
 
 
@@ -111,8 +112,14 @@ class Newton:
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
         self.factorisation = Factorisation(
-            system.tangent, self.free, backend, system.unknowns.equations, system.watch, system.world
-        )
+            system.tangent,
+            self.free,
+            backend,
+            system.unknowns.equations,
+            system.watch,
+            lambda: system.levels,
+            system.world,
+        )  # fmt: skip
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False
@@ -168,7 +175,9 @@ class Newton:
     def _iterate(self, tolerance: float, max_iterations: int, ahead: float) -> Solution:
         solution = Solution()
         scales = self.system.block_scales()
-        scale = self._scale_vector(scales)
+        scale_of_all = self._scale_vector(scales)
+        scale = scale_of_all[self.free]
+        taken = self.factorisation.linear_iterations
         if self._needs_renewal(ahead):
             self._renew(solution, ahead)
         self._mixing = self._mixing.of(*self._equations())
@@ -177,7 +186,8 @@ class Newton:
         best = self.system.values[self.free].copy()
         while solution.iterations < max_iterations:
             solution.iterations += 1
-            step = self._plain_step()
+            step = self._plain_step(scale_of_all)
+            solution.linear_iterations = self.factorisation.linear_iterations - taken
             solution.changes = self._changes(step, scales)
             change = max(solution.changes.values())
             x = self.system.values[self.free].copy()
@@ -200,11 +210,11 @@ class Newton:
             history = []
         raise SolverError(self._complaint(solution, scales))
 
-    def _plain_step(self) -> Vector:
+    def _plain_step(self, scale: Vector) -> Vector:
         residual = self.system.residual()
         residual.FV().NumPy()[~self.free] = 0.0
         with self.system.world.order("solve", lambda: self.number, residual.FV().NumPy):
-            self.factorisation.solve(residual, self._update)
+            self.factorisation.solve(residual, self._update, scale)
         return -np.asarray(self._update.FV().NumPy()[self.free])
 
     def _needs_renewal(self, weight: float) -> bool:
@@ -246,7 +256,7 @@ class Newton:
         scale = np.ones(self.system.unknowns.size)
         for name in self.blocks:
             scale[self.system.unknowns.blocks[name]] = scales[name]
-        return scale[self.free]
+        return scale
 
     def _changes(self, step: Vector, scales: Mapping[str, float]) -> dict[str, float]:
         whole = np.zeros(self.system.unknowns.size)

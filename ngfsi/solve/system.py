@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import ngsolve as ng
@@ -21,6 +21,7 @@ from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics, in_space
 from ngfsi.solve.boundary import boundary_values
 from ngfsi.solve.forms import Part, WithoutRows, reduced_rules, residual_form, rules, tangent_form
+from ngfsi.solve.multigrid import Levels, levels_of
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
 from ngfsi.stopwatch import Stopwatch
@@ -109,6 +110,11 @@ class System:
         """The fluid, of a system that has one."""
         assert self.case.materials.fluid is not None
         return self.case.materials.fluid
+
+    @cached_property
+    def levels(self) -> Levels:
+        """The levels of p-multigrid, as solver and for nothing else."""
+        return levels_of(self.domain, self.unknowns)
 
     # ---------------------------------------------------------------- weak form
 

@@ -34,7 +34,7 @@ class Step:
         """Return what it took, as a row of costs.csv."""
         taken = self.solution
         return {"step": self.index, "time_s": self.time, "wall_s": self.seconds, "iterations": taken.iterations,
-                "factorisations": taken.factorisations}  # fmt: skip
+                "factorisations": taken.factorisations, "linear_iterations": taken.linear_iterations}  # fmt: skip
 
 
 @dataclass

@@ -79,6 +79,8 @@ class Algebraic:
 class Dense:
     """Factors of an algebraic system in the shape of a Factorisation."""
 
+    linear_iterations = 0
+
     def __init__(self, system: Algebraic, free: NDArray[np.bool_]) -> None:
         self.system, self.free, self.count = system, free, 0
         self.at: list[Vector] = []
@@ -89,7 +91,7 @@ class Dense:
         self.count += 1
         self.at.append(self.system.values.copy())
 
-    def solve(self, residual: Any, update: Any) -> None:
+    def solve(self, residual: Any, update: Any, _scale: Any) -> None:
         r, u = residual.FV().NumPy(), update.FV().NumPy()
         assert not np.any(r[~self.free])
         u[:] = 0.0

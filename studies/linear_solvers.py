@@ -1,0 +1,178 @@
+"""Direct solver against GMRES with p-multigrid: iterations, seconds and memory of one solve on the calf.
+
+    python -m studies.linear_solvers
+
+Each system is the linearised first step from rest, made in a process of its own. Seconds are of the
+processor: renewal is all that is made once per matrix but assembly; memory is that of the whole process.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
+from time import process_time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from geometry.segment import MeshSettings
+from ngfsi.case import Case, Materials
+from ngfsi.domain import Domain
+from ngfsi.errors import SolverError
+from ngfsi.solve import multigrid
+from ngfsi.solve.backends import Name, choose_backend
+from ngfsi.solve.linear import Factorisation
+from ngfsi.solve.schemes import weights
+from ngfsi.solve.system import System, Vector
+from ngfsi.stopwatch import Stopwatch
+from ngfsi.study import markdown_table
+from studies.compare_tissues import LEVELS, MAIN, case
+
+TIGHT = 1e-6
+
+
+class Taken(NamedTuple):
+    """What one solve took.
+
+    Attributes:
+        unknowns: of the system.
+        loose, tight: iterations of GMRES to its usual tolerance and to `TIGHT`; 0 with a direct solver.
+        renewal: seconds of the factorisation, with all that is made once per matrix but the assembly.
+        solve: seconds.
+        memory: most in use (bytes).
+    """
+
+    unknowns: int
+    loose: int
+    tight: int
+    renewal: float
+    solve: float
+    memory: float
+
+
+def at_rest(system: System) -> None:
+    """Begin the first step of a system from rest, by backward Euler."""
+    zero, step = np.zeros(system.unknowns.size), system.case.time.step
+    system.set_loads(step)
+    system.set_rates(weights("backward_euler", step, None), (zero, zero), (zero, zero))
+
+
+def factorised(system: System, backend: Name) -> Factorisation:
+    """Return the factorised linearisation at the system's state."""
+    equations = system.unknowns.equations
+    made = Factorisation(
+        system.tangent, system.unknowns.free(), backend, equations, system.watch, lambda: system.levels
+    )
+    made.renew(system.state.vec)
+    return made
+
+
+def update(system: System, factorisation: Factorisation) -> Vector:
+    """Return the Newton update at the system's state.
+
+    Raises:
+        SolverError: GMRES does not converge.
+    """
+    scale = np.ones(system.unknowns.size)
+    for name, value in system.block_scales().items():
+        scale[system.unknowns.blocks[name]] = value
+    residual, result = system.residual(), system.state.vec.CreateVector()
+    residual.FV().NumPy()[~system.unknowns.free()] = 0.0
+    factorisation.solve(residual, result, scale)
+    return np.array(result.FV().NumPy())
+
+
+def measure(stored: dict[str, Any]) -> Taken:
+    """Solve the first step of a stored case with its linear solver; its process must have done nothing else."""
+    chosen = Case.from_dict(stored)
+    watch = Stopwatch(process_time)
+    system = System(chosen, Domain.build(chosen.geometry), watch)
+    at_rest(system)
+    factorisation = factorised(system, choose_backend(chosen.solver.linear))
+    update(system, factorisation)
+    seconds, loose = dict(watch.seconds), factorisation.linear_iterations
+    multigrid.TOLERANCE = TIGHT
+    with suppress(SolverError):
+        update(system, factorisation)
+    memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    tight = factorisation.linear_iterations - loose
+    return Taken(system.unknowns.size, loose, tight, seconds["factorisation"], seconds["solves"], memory)
+
+
+def alone(chosen: Case) -> Taken:
+    """Measure in a new process."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(measure, chosen.to_toml_dict()).result()
+
+
+def _calf(order: int = 2, mesh: MeshSettings = LEVELS["demo"].mesh, step: float = 0.01) -> Case:
+    settings = mesh.replace(curving_order=order)
+    return case(MAIN[0], LEVELS["demo"]._replace(mesh=settings, order=order, step=step))
+
+
+def _finer(far: float, near: float, layers: int) -> MeshSettings:
+    return LEVELS["demo"].mesh.replace(far_size=far, vein_size=near, axial_layers=layers)
+
+
+COARSEST = _finer(30e-3, 5e-3, 3).replace(lumen_radii=(0.6,))
+"""For what refinement does not matter to."""
+
+
+def _elastic(poisson: float) -> Case:
+    """Return the calf with Neo-Hookean tissue of one shear modulus."""
+    tissue = {"law": "compressible_neo_hookean", "young_kPa": 14 * (1 + poisson), "poisson": poisson,
+              "density_kg_m3": 1060}  # fmt: skip
+    given = {"tissue": tissue, "wall": {"set": "vein_wall"}, "fluid": {"set": "blood"}}
+    chosen = _calf(mesh=COARSEST).model_copy(update={"materials": Materials.from_dict(given)})
+    return chosen.replace(**{"discretisation.bulk_integration": "reduced" if poisson >= 0.49 else "full"})
+
+
+ROBUSTNESS: dict[str, Case] = {
+    "mesh of demo": _calf(),
+    "mesh of paper": _calf(mesh=LEVELS["paper"].mesh),
+    "mesh of fine": _calf(mesh=LEVELS["fine"].mesh),
+    "tissue of 9 mm": _calf(mesh=_finer(9e-3, 3.2e-3, 12)),
+    **{f"coarsest mesh, order {order}": _calf(order, COARSEST) for order in (2, 3, 4)},
+    "step of 100 ms": _calf(mesh=COARSEST, step=0.1),
+    "step of 1 ms": _calf(mesh=COARSEST, step=1e-3),
+    "step of 0.1 ms": _calf(mesh=COARSEST, step=1e-4),
+    **{f"Poisson ratio {poisson:g}": _elastic(poisson) for poisson in (0.3, 0.45, 0.49, 0.499, 0.4999)},
+}
+SIZES: dict[str, Case] = {
+    "demo, order 2": _calf(),
+    "paper, order 2": _calf(mesh=LEVELS["paper"].mesh),
+    "tissue of 9 mm, order 2": _calf(mesh=_finer(9e-3, 3.2e-3, 12)),
+    "demo, order 3": _calf(order=3),
+    "tissue of 7 mm, order 2": _calf(mesh=_finer(7e-3, 3.2e-3, 16)),
+}
+"""Smallest first."""
+
+
+def robustness() -> Iterable[tuple[str, ...]]:
+    """Yield the rows of the table of iterations."""
+    for name, chosen in ROBUSTNESS.items():
+        taken = alone(chosen.replace(**{"solver.linear": "p_multigrid"}))
+        most = multigrid.MOST_ITERATIONS
+        yield (name, f"{taken.unknowns:,}", str(taken.loose), str(taken.tight) if taken.tight < most else f"> {most}")
+
+
+def sizes() -> Iterable[tuple[str, ...]]:
+    """Yield the rows of the table of seconds and memory."""
+    for name, chosen in SIZES.items():
+        for solver in (choose_backend("auto"), "p_multigrid"):
+            taken = alone(chosen.replace(**{"solver.linear": solver}))
+            numbers = (f"{taken.renewal:.1f}", f"{taken.solve:.2f}", f"{taken.memory / 1e9:.2f}")
+            yield (name, f"{taken.unknowns:,}", solver, *numbers)
+
+
+def main() -> None:
+    """Compute all and print the tables."""
+    print(markdown_table(("system", "unknowns", "to 1e-2", "to 1e-6"), list(robustness())))
+    print(markdown_table(("calf", "unknowns", "solver", "renewal (s)", "solve (s)", "memory (GB)"), list(sizes())))
+
+
+if __name__ == "__main__":
+    main()
