@@ -113,7 +113,7 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     reference = _key(best, best.sizes[0])
     if reference not in results.table:
         raise NgfsiError(f"the run that all are held against failed: {results.outcomes[reference].failure}")
-    errors = {key: _errors(row, results.table[reference]) for key, row in results.table.items() if key != reference}
+    errors = {key: errors_of(row, results.table[reference]) for key, row in results.table.items() if key != reference}
     lines: dict[str, list[Convergence]] = {name: [] for name in TITLES}
     for family, sizes in chosen:
         found = [key for key in (_key(family, size) for size in sizes) if key in errors]
@@ -132,8 +132,8 @@ def _key(family: Family, size: float) -> str:
     return f"{family.title}, size {size:g}"
 
 
-def _errors(row: Mapping[str, float], reference: Mapping[str, float]) -> dict[str, float]:
-    """Return errors in percent."""
+def errors_of(row: Mapping[str, float], reference: Mapping[str, float]) -> dict[str, float]:
+    """Return by how many percent area and SAWSS of a run are off those of another."""
     columns = {"area": "lumen_area_mm2", "sawss": "sawss_Pa"}
     return {name: 100 * abs(row[column] / reference[column] - 1) for name, column in columns.items()}
 
@@ -146,19 +146,10 @@ def _text(level: str, table: Mapping[str, Mapping[str, float]], errors: Mapping[
         off = [f"{errors[key][name]:.2g}" if key in errors else "" for name in TITLES]
         rows.append((key, f"{row['unknowns']:,.0f}", f"{row['cpu_s']:.1f}", f"{row['peak_memory_MB']:.0f}",
                      f"{row['lumen_area_mm2']:.3f}", off[0], f"{row['sawss_Pa']:.5f}", off[1]))  # fmt: skip
-    good = [key for key, found in errors.items() if all(found[name] <= WANTED[name] for name in WANTED)]
-    cheapest = min(good, key=lambda key: table[key]["cpu_s"], default=None)
-    wanted = f"{WANTED['area']:g} % in area and {WANTED['sawss']:g} % in SAWSS"
-    answer = (
-        f"The cheapest elements within {wanted} are **{cheapest}**, with {table[cheapest]['unknowns']:,.0f} unknowns "
-        f"and {table[cheapest]['cpu_s']:.0f} s."
-        if cheapest
-        else f"No elements are within {wanted}."
-    )
     return "\n".join(
         (
             f"# Elements for the calf, level `{level}`\n",
-            answer + "\n",
+            answer(table, errors) + "\n",
             f"![errors over time]({FIGURE})\n",
             f"M tissue under 25 mmHg in {STEPS} steps of 0.1 s, the same for all, so that they differ by their error "
             "in space alone. Area is that at the end of the ramp, SAWSS the mean over the ramp; errors are distances "
@@ -167,4 +158,17 @@ def _text(level: str, table: Mapping[str, Mapping[str, float]], errors: Mapping[
             markdown_table(head, rows),
             f"To repeat it: `ngfsi study discretisation --level {level}`\n",
         )
+    )
+
+
+def answer(table: Mapping[str, Mapping[str, float]], errors: Mapping[str, Mapping[str, float]]) -> str:
+    """Return a sentence that names the cheapest elements that are good enough."""
+    wanted = f"{WANTED['area']:g} % in area and {WANTED['sawss']:g} % in SAWSS"
+    good = [key for key, found in errors.items() if all(found[name] <= WANTED[name] for name in WANTED)]
+    if not good:
+        return f"No elements are within {wanted}."
+    cheapest = min(good, key=lambda key: table[key]["cpu_s"])
+    return (
+        f"The cheapest elements within {wanted} are **{cheapest}**, with {table[cheapest]['unknowns']:,.0f} unknowns "
+        f"and {table[cheapest]['cpu_s']:.0f} s."
     )
