@@ -17,6 +17,7 @@ from ngfsi.solve import newton as module
 from ngfsi.solve.newton import Mixing, Newton
 from ngfsi.solve.unknowns import BLOCKS
 from ngfsi.stopwatch import Stopwatch
+from ngfsi.world import ALONE
 
 Vector = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ class Algebraic:
     """r(x) = A (y - s) + c (y^3 - s^3), y = x / scale, in the shape of a System; two unknowns in each block."""
 
     def __init__(self, cubic: float = 0.3, free: NDArray[np.bool_] | None = None, linearise: str = "when slow") -> None:
-        self.cubic, self.watch = cubic, Stopwatch()
+        self.cubic, self.watch, self.world = cubic, Stopwatch(), ALONE
         self.case = SimpleNamespace(solver=SimpleNamespace(linearise=linearise))
         mask = np.ones(SIZE, dtype=bool) if free is None else free
         self.unknowns = SimpleNamespace(
@@ -59,6 +60,9 @@ class Algebraic:
 
     def snapshot(self) -> dict[str, Vector]:
         return {"state": self.values.copy()}
+
+    def news(self) -> dict[str, Vector]:
+        raise AssertionError("there is nobody to tell")
 
     def apply_inflow(self) -> None:
         self.inflow_calls += 1
@@ -290,3 +294,12 @@ def test_not_finite(make: Make) -> None:
     system.cubic = 0.2
     assert newton.solve(1e-10, 60).factorisations >= 1
     assert system.values / SCALE == pytest.approx(SOLUTION, rel=1e-9)
+
+
+def test_factors_of_the_steps_to_come(make: Make) -> None:
+    """One step with another weight takes the factors of those after it: they need no others, and the weight stays."""
+    system, newton = solved(make)
+    for weight, ahead, renewed in ((10.0, 15.0, 1), (15.0, 15.0, 0), (10.0, None, 1), (10.0, 11.0, 0)):
+        system.new_weight.Set(weight)
+        assert newton.solve(1e-10, 60, ahead).factorisations == renewed, (weight, ahead)
+        assert system.new_weight.Get() == weight
