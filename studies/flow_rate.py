@@ -122,7 +122,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         _answer(shown),
         "![Rise of SAWSS over the flow](rise.png)\n",
         "Rise of SAWSS since t = 0 in 1 s of compression, mean of its last "
-        f"{SWING:g} s, over the flow at the inlet. Dashed: one-way coupling. Dotted: printed by the source.\n",
+        f"{SWING:g} s, over the flow at the inlet. Squares: one-way coupling. Dotted: printed by the source.\n",
         "![What the rise consists of](causes.png)\n",
         "M tissue, lumen 11.1 mm, end of the ramp: rise by cause, for each flow in ml/s.\n",
         "## All runs\n",
@@ -231,7 +231,7 @@ def _draw(found: Mapping[Point, Finding], folder: Path) -> None:
     panels = {}
     for tissue in TISSUES:
         drawn = []
-        for coupling, style in (("two_way", "o-"), ("one_way", "s--")):
+        for coupling, style in (("two_way", "o-"), ("one_way", "s")):
             for lumen in LUMENS:
                 flows, rises = _curve(found, tissue, lumen, coupling)  # type: ignore[arg-type]
                 label = f"{from_si(lumen, 'mm'):g} mm, {coupling.replace('_', '-')}"
