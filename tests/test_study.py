@@ -345,7 +345,9 @@ def test_a_tiny_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for run in (m, n):
         assert run.status == "completed"
         assert run.series["time_s"].tolist() == [0, 0.25, 0.5]
-        assert np.abs(run.series["mass_defect_m3_s"]).max() < 1e-9 * run.series["flow_in_m3_s"][0]
+        defect = np.abs(run.series["mass_defect_m3_s"]).max()
+        # the last update makes it smaller than the tolerance
+        assert defect < run.case.solver.tolerance * run.series["flow_in_m3_s"][0] / 10
         np.testing.assert_allclose(run.series["flow_in_m3_s"], 2.913e-6, rtol=1e-10)
         assert run.field_times() == [0.0, 0.25, 0.5]
         grid = run.fields(0.5)
