@@ -329,7 +329,7 @@ class Computation:
             sections = probe.outlines
             sections.refresh()
             self.folder.record_outlines(time, sections.rings)
-            self.folder.record_shape(Shape.of(sections).rows(time))
+            self.folder.record_shape(Shape.of(sections, cut=True).rows(time))
 
     def _write_wall(self, time: float, probe: Probe, writer: FieldWriter) -> None:
         with self.watch("output"):

@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 IN_PLANE = 1e-3
 """Largest distance of an outline from its plane, as a share of the lumen's radius, that is none."""
 
+CUTS = 3
+"""Centroids, and with them the axis, move when the vein is cut anew."""
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -42,19 +45,31 @@ class Shape:
     angle: Array
 
     @classmethod
-    def of(cls, sections: Sections) -> Self:
+    def of(cls, sections: Sections, *, cut: bool = False) -> Self:
         """Return the shape in a refreshed set of two sections or more.
 
         Their outlines, in planes z = const, are looked at along the axis: exact where the vein is a cylinder, straight
         or oblique, from one side of the outline to the other. Where a free end has moved in, planes before it cut no
         whole outline: there stands the nearest section that is whole.
+
+        Args:
+            cut: cut the vein anew, perpendicular to its axis, as a curved one needs; where such a plane leaves the
+                vein through an end, the outline at the height stays.
         """
         off_plane = np.max(np.abs(sections.rings[..., 2] - sections.heights[:, None]), axis=1)
         whole = np.flatnonzero(off_plane < IN_PLANE * sections.vein.lumen_radius)
         if len(whole) < 2:
             whole = np.arange(len(sections.heights))
         nearest = np.argmin(np.abs(np.arange(len(sections.heights))[:, None] - whole), axis=1)
-        return cls._of_rings(sections.rings[whole], sections.heights[whole], sections.arcs)._taken(nearest)
+        rings, heights = sections.rings[whole], sections.heights[whole]
+        found = cls._of_rings(rings, heights, sections.arcs)
+        for _ in range(CUTS if cut else 0):
+            across = sections.across(whole, found.centre, found.axis)
+            left = np.abs(np.einsum("spk,sk->sp", across - found.centre[:, None], found.axis)).max(axis=1)
+            outside = left > IN_PLANE * sections.vein.lumen_radius
+            across[outside] = rings[outside]
+            found = cls._of_rings(across, heights, sections.arcs)
+        return found._taken(nearest)
 
     def _taken(self, numbers: NDArray[np.int64]) -> Self:
         """Return the shapes of those sections."""
