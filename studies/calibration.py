@@ -45,7 +45,9 @@ from ngfsi.units import from_si
 
 Array = NDArray[np.float64]
 
-PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_text())["calibration"]
+PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_bytes().decode())[
+    "calibration"
+]
 
 BULK = "materials.tissue.K"
 FIRST_GUESS = 50e3

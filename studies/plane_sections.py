@@ -32,7 +32,9 @@ from ngfsi.statics import SoftestMode, equilibrium, load_path, section_case, sof
 from ngfsi.study import markdown_table, workers
 from ngfsi.units import from_si, to_si
 
-PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_text())["plane_sections"]
+PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_bytes().decode())[
+    "plane_sections"
+]
 
 MODELS = {
     "A": "plane stress everywhere",

@@ -36,7 +36,9 @@ from ngfsi.waveform import ensemble
 
 Array = NDArray[np.float64]
 
-PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_text())["rigid_veins"]
+PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_bytes().decode())[
+    "rigid_veins"
+]
 LENGTH = to_si(PRINTED["segment_length_mm"], "mm")
 SECTIONS, WINDOWS = 11, 10
 SHAPES = {"round": (1.0, 1.0), "oval": (2.0, 1.0), "collapsed": (3.0, 0.6)}

@@ -60,7 +60,7 @@ def test_pairs_are_taken_by_turns(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     assert len(meshed) == 2
     assert found.ratios("newton", "whole_s") == pytest.approx([4.5, 2.0, 4.5, 2.0])
     assert found.phases()["assembly"] == {bench.PLAIN: 6.0, "newton": 6.0}
-    stored = json.loads(found.write(tmp_path).read_text())
+    stored = json.loads(found.write(tmp_path).read_text(encoding="utf-8"))
     assert len(stored["samples"]["newton"]) == 4
     assert stored["ratios"]["newton"]["factorisations"] == [1.0] * 4
     assert "ngsolve" in stored["versions"]
@@ -101,7 +101,7 @@ def test_a_run_that_fails_is_named_and_the_rounds_before_it_are_kept(
     hopeless = tiny.replace(**{"solver.max_iterations": 1})
     with pytest.raises(bench.SolverError, match=r"^tiny, hopeless, run 2 of 5: .*did not converge"):
         bench.compare("tiny", tiny, {"hopeless": hopeless}, pairs=5, folder=tmp_path)
-    assert len(json.loads((tmp_path / "tiny.json").read_text())["samples"]["hopeless"]) == 1
+    assert len(json.loads((tmp_path / "tiny.json").read_text(encoding="utf-8"))["samples"]["hopeless"]) == 1
 
 
 @pytest.mark.parametrize(

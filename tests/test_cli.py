@@ -103,11 +103,11 @@ def test_usage(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None
 
 def test_a_folder_in_use_is_kept(capsys: pytest.CaptureFixture[str], case_file: str) -> None:
     RunFolder.create(Path("runs/fake"), CASE)
-    before = Path("runs/fake/manifest.json").read_text()
+    before = Path("runs/fake/manifest.json").read_text(encoding="utf-8")
     code, _, err = ngfsi_(capsys, "run", case_file)
     assert code == 2
     assert err == ("ngfsi: the folder 'runs/fake' already holds a run: name another one with --output, or remove it\n")
-    assert Path("runs/fake/manifest.json").read_text() == before
+    assert Path("runs/fake/manifest.json").read_text(encoding="utf-8") == before
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_an_error_of_the_program_is_saved(
     assert "ZeroDivisionError: of the program" in err
     assert err.count("\n") == 1
     (saved,) = re.findall("report it with '(.*)'", err)
-    text = Path(saved).read_text()
+    text = Path(saved).read_text(encoding="utf-8")
     Path(saved).unlink()
     assert "Traceback" in text
     assert "def run" not in err
@@ -252,4 +252,6 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
     run = open_run(tmp_path / "out")
     assert run.status == "interrupted"
     assert run.series["time_s"][0] == 0.0
-    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["reason"].startswith("interrupted by Ctrl-C")
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text(encoding="utf-8"))["reason"].startswith(
+        "interrupted by Ctrl-C"
+    )

@@ -97,7 +97,7 @@ def test_the_report_says_what_matters_most(tmp_path: Path, monkeypatch: pytest.M
         return Results({key: Outcome(None) for key in study.cases}, table, folder / f"{study.name}.md")
 
     monkeypatch.setattr(sensitivity, "run_study", computed)
-    text = sensitivity.study("demo", tmp_path, quiet=True).read_text()
+    text = sensitivity.study("demo", tmp_path, quiet=True).read_text(encoding="utf-8")
     assert "**The loss of area** hangs most on the bulk modulus of the tissue (6.36 ± " in text  # 0.5 (35.41 - 22.69)
     assert "; then on the ends of the segment (2 ± 0)" in text
     assert "**The SAWSS** hangs most on the inflow Q (0.2 ± " in text
@@ -193,7 +193,7 @@ def test_the_best_of_a_known_response_is_found_and_reported(tmp_path: Path, monk
         return Results(outcomes, values, folder / f"{study.name}.md")
 
     monkeypatch.setattr(stocking_design, "run_study", computed)
-    text = stocking_design.study("demo", tmp_path, quiet=True).read_text()
+    text = stocking_design.study("demo", tmp_path, quiet=True).read_text(encoding="utf-8")
     rows = {row["profile"]: row for row in csv.DictReader((tmp_path / "ranking.csv").open())}
     best = {name: float(rows["best 1"][name]) for name in ("gradient", "one_side", "pulse", "lag")}
     assert best["gradient"] == pytest.approx(-0.3, abs=0.01)

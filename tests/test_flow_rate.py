@@ -55,7 +55,7 @@ def test_the_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(flow_rate, "find", known)
     outcomes = {point.key: Outcome(None) for point in points("demo")}
-    text = flow_rate.write_report("demo", tmp_path, outcomes).read_text()
+    text = flow_rate.write_report("demo", tmp_path, outcomes).read_text(encoding="utf-8")
     assert "**M**: the printed loss of 25 % raises SAWSS by 54 % at a constant flow, not by the printed 205 %." in text
     # 190 / 145, 190 / 85 and 190 / 45
     assert "lumen 11.1 mm, 205 % read as a rise: reached at 1.3 ml/s." in text

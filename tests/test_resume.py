@@ -202,10 +202,9 @@ def test_a_damaged_checkpoint_is_passed_over(stopped: Path, whole: Path) -> None
     newest = stopped / "checkpoints" / "step-000005.npz"
     flipped(newest)
     resume(stopped, quiet=True)
-    assert (
-        f"passed over: '{newest.with_suffix('.json')}' has arrays that are not as they were written"
-        in (stopped / "run.log").read_text()
-    )
+    assert f"passed over: '{newest.with_suffix('.json')}' has arrays that are not as they were written" in (
+        stopped / "run.log"
+    ).read_text(encoding="utf-8")
     assert open_run(stopped).manifest["resumed"][0]["from_s"] == 0.2
     assert_same(stopped, whole)
 
@@ -226,7 +225,7 @@ def test_every_damage_is_seen(stopped: Path, damage: Callable[[Path], None]) -> 
 
 def test_other_case_version_and_mesh_are_refused(stopped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = stopped / "case.toml"
-    written = file.read_text()
+    written = file.read_text(encoding="utf-8")
     file.write_text(CASE.replace(**{"materials.wall.young": 9e4, "loads.inlet_flow.value": 3e-6}).to_toml())
     with pytest.raises(OutputError, match=r"materials\.wall\.young_Pa is .* there, 90000\.0 here \(and 1 more\)"):
         resume(stopped, quiet=True)
@@ -278,10 +277,9 @@ def test_a_checkpoint_that_cannot_be_written_costs_nothing(
             run(CASE, tmp_path / "run", quiet=True)
     kept = sorted(path.name for path in (tmp_path / "run" / "checkpoints").iterdir())
     assert kept == ["step-000002.json", "step-000002.npz", "step-000005.json", "step-000005.npz"]
-    assert (
-        f"t = 0.2 s: no checkpoint: '{tmp_path}/run/checkpoints/step-000004.npz' cannot be written: "
-        in (tmp_path / "run" / "run.log").read_text()
-    )
+    assert f"t = 0.2 s: no checkpoint: '{tmp_path}/run/checkpoints/step-000004.npz' cannot be written: " in (
+        tmp_path / "run" / "run.log"
+    ).read_text(encoding="utf-8")
     resume(tmp_path / "run", quiet=True)
     assert_same(tmp_path / "run", whole)
 

@@ -84,7 +84,7 @@ def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.Monk
     """One coarse subject: in plane strain the calf loses a little less than a disc without bones and vein."""
     monkeypatch.setitem(plane_sections.LEVELS, "demo", Level(3, 1.8, (1,)))
     monkeypatch.setattr(plane_sections, "SHARES", {"small": (1.0,), "finite": (0.2,)})
-    text = plane_sections.study("demo", tmp_path, quiet=True).read_text()
+    text = plane_sections.study("demo", tmp_path, quiet=True).read_text(encoding="utf-8")
     with (tmp_path / "results.csv").open() as file:
         rows = {(row["model"], row["strain"]): row for row in csv.DictReader(file)}
     disc = 2 * 1.49 * 0.02 * 40 * 133.322 / 12e3
@@ -105,7 +105,7 @@ def test_a_tiny_study_of_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyP
     one = [row[:2] for row in calibration.PRINTED["bulk_modulus_by_section_kPa"]]
     monkeypatch.setitem(calibration.PRINTED, "bulk_modulus_by_section_kPa", one)
     monkeypatch.setattr(calibration, "_statistics", lambda: "")
-    text = calibration.study("demo", tmp_path, quiet=True).read_text()
+    text = calibration.study("demo", tmp_path, quiet=True).read_text(encoding="utf-8")
     with (tmp_path / "results.csv").open() as file:
         (row,) = csv.DictReader(file)
     assert float(row["registration_rms_m"]) < 0.1e-3

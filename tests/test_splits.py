@@ -22,7 +22,7 @@ def test_every_split_computes_all_runs(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(study, "_compute", compute)
     monkeypatch.setattr("os.cpu_count", lambda: 2)
-    text = splits.study("demo", tmp_path, quiet=True).read_text()
+    text = splits.study("demo", tmp_path, quiet=True).read_text(encoding="utf-8")
     assert sorted(asked) == sorted((f"run{number}", threads) for number in range(4) for threads in (1, 2))
     assert re.findall(r"\| (\d) \| (\d) \|", text) == [("1", "2"), ("2", "1")]
     assert "# 4 equal runs on 2 processors" in text

@@ -114,11 +114,11 @@ def test_a_study_runs_each_content_once_and_lists_failures(tmp_path: Path, compu
     again = run_study(study_of(other=CASE, bad=bad), tmp_path, quiet=True)
     assert len(computed) == 2
     assert again.outcomes["bad"].failure == "the step at 1.5 s did not converge"
-    lines = (tmp_path / "some.csv").read_text().splitlines()
+    lines = (tmp_path / "some.csv").read_text(encoding="utf-8").splitlines()
     assert lines == [
         "case,a_mm,last_s,run", f"other,{1 / 3!r},1.5,{CASE.digest[:16]}", f"bad,{1 / 3!r},,{bad.digest[:16]}"
     ]  # fmt: skip
-    page = again.report.read_text()
+    page = again.report.read_text(encoding="utf-8")
     assert "# some: 1 of 2 cases" in page
     assert "1 failed, and are computed again on request:" in page
     assert f"- bad (runs/{bad.digest[:16]}): the step at 1.5 s did not converge" in page
@@ -258,7 +258,7 @@ def test_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     early = fake_run(tmp_path / "m_tenth", CASE.replace(**{"time.end": 0.5}), loss=0.6, status="failed")
     outcomes |= {"m_tenth": Outcome(early, "it did not converge"), "m_s4": Outcome(None, "no mesh could be made")}
     path = compare_tissues.write_report("paper", tmp_path, outcomes, quiet=True)
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     assert "the vein has lost **25.0 %** of its volume (the source prints 25 %)" in text
     assert "| N: volume reduction, % | N, likely constants | 19 | 15.0 | -4.0 | 0.05 % of the volume | 1 |" in text
     assert "| M: rise of SAWSS, % | M, K 28.45 kPa | 205 | 131 | -74 | 1.5 % of SAWSS | 2 |" in text
@@ -275,7 +275,7 @@ def test_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_report_without_any_result(tmp_path: Path) -> None:
     outcomes = {key: Outcome(None, "no mesh could be made") for key in compare_tissues.MAIN}
-    text = compare_tissues.write_report("demo", tmp_path, outcomes, quiet=True).read_text()
+    text = compare_tissues.write_report("demo", tmp_path, outcomes, quiet=True).read_text(encoding="utf-8")
     assert "**M** has no result" in text
     assert "N, likely constants has no state at t = 0: no mesh could be made" in text
 
@@ -314,7 +314,7 @@ def test_accuracy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert errors["paper"]["volume_time_percent"] == pytest.approx(100 * (0.005 + 0.005) / 0.775, rel=0.05)
     assert tissue_findings.numerical_errors("demo", target) == errors["demo"]
     assert tissue_findings.numerical_errors("other", target) == {}
-    page = target.with_suffix(".md").read_text()
+    page = target.with_suffix(".md").read_text(encoding="utf-8")
     assert "| fine mesh | 2 | 8,000 |" in page
     assert "| error bar of fine mesh, space |  |  |  | 0.44 % |" in page
     monkeypatch.setattr(tissue_accuracy, "run_cases", lambda *_: {"demo_mesh": Outcome(None, "no mesh")})
@@ -338,7 +338,7 @@ def test_a_tiny_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = MeshSettings(axial_layers=2, vein_size=8e-3, far_size=25e-3, lumen_radii=(0.6,))
     tiny = compare_tissues.LEVELS["demo"]._replace(mesh=mesh, step=0.25, end=0.5)
     monkeypatch.setitem(compare_tissues.LEVELS, "demo", tiny)
-    report = compare_tissues.study("demo", tmp_path, quiet=True).read_text()
+    report = compare_tissues.study("demo", tmp_path, quiet=True).read_text(encoding="utf-8")
     m, n = (open_run(tmp_path / key) for key in compare_tissues.MAIN)
     left_m, left_n = (run.series["lumen_volume_m3"][-1] / run.series["lumen_volume_m3"][0] for run in (m, n))
     assert 0.7 < left_m < left_n < 1

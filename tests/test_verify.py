@@ -93,7 +93,7 @@ def test_page(tmp_path: Path) -> None:
         result = verify.verify(name, module, "ci")
         result.write(tmp_path / FOLDER)
         assert Result.read(tmp_path / FOLDER / f"{name}.json") == result
-    text = write_page(tmp_path).read_text()
+    text = write_page(tmp_path).read_text(encoding="utf-8")
     assert "1 of 2 benchmarks pass." in text
     assert "| drag | 6 N | 5 N | 2.0e-01 | 1.0e-02 | 0.00 | - | **fail** |" in text
     assert "| velocity error | 0.001 | 0 | 1.0e-03 | 2.0e-03 | 2.00 | 2 | pass |" in text
@@ -115,8 +115,8 @@ def test_signals(tmp_path: Path) -> None:
     kept = Result.read(tmp_path / FOLDER / "swing.json").signals["k = 2"]
     assert kept.columns == ("time_s", "drag_n")
     assert kept.rows.tolist() == [[0.0, 5.0], [0.5, 5.5]]
-    assert (tmp_path / FOLDER / "swing-k-2.csv").read_text() == "time_s,drag_n\n0,5\n0.5,5.5\n"
-    text = write_page(tmp_path).read_text()
+    assert (tmp_path / FOLDER / "swing-k-2.csv").read_text(encoding="utf-8") == "time_s,drag_n\n0,5\n0.5,5.5\n"
+    text = write_page(tmp_path).read_text(encoding="utf-8")
     assert "![k = 2 over time](verification/swing-k-2.png)" in text
     assert (tmp_path / FOLDER / "swing-k-2.png").stat().st_size > 10_000
     module.CASE = fake().CASE
@@ -136,7 +136,7 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest
     assert "pass" in capsys.readouterr().out
     assert code() == 3
     assert "ngfsi: not within their tolerance: bad" in capsys.readouterr().err
-    assert "1 of 2 benchmarks pass." in (tmp_path / "verification.md").read_text()
+    assert "1 of 2 benchmarks pass." in (tmp_path / "verification.md").read_text(encoding="utf-8")
     assert code("goof") == 2
     assert "'goof' is not a known benchmark: did you mean 'good'?" in capsys.readouterr().err
 

@@ -27,7 +27,7 @@ def test_series_is_on_the_disk_after_each_row_and_exact(tmp_path: Path) -> None:
         assert [len(column) for column in series.values()] == [number, number]
     assert series["time_s"].tolist() == [0.0, 0.1 + 0.2]
     assert series["sawss_Pa"].tolist() == [1 / 3, 1e-300]
-    assert (folder.path / "series.csv").read_text().splitlines()[0] == "time_s,sawss_Pa"
+    assert (folder.path / "series.csv").read_text(encoding="utf-8").splitlines()[0] == "time_s,sawss_Pa"
 
 
 def test_a_row_with_other_columns_is_a_mistake(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_manifest_merges_tables_and_keeps_a_readable_state(tmp_path: Path) -> No
     assert ended.manifest["seconds"] == {"mesh": 1.0, "steps": 2.5}
     assert ended.manifest["mesh"] == {"elements": 7}
     assert ended.case == CASE
-    assert "failed: it did not converge" in (folder.path / "run.log").read_text()
+    assert "failed: it did not converge" in (folder.path / "run.log").read_text(encoding="utf-8")
     assert sorted(path.name for path in folder.path.iterdir()) == ["case.toml", "manifest.json", "run.log"]
 
 
@@ -95,7 +95,7 @@ def test_folders_that_cannot_be_used(tmp_path: Path) -> None:
     (tmp_path / "full" / "letter.txt").write_text("mine")
     with pytest.raises(OutputError, match="full' already is not empty"):
         RunFolder.create(tmp_path / "full", CASE)
-    assert (tmp_path / "full" / "letter.txt").read_text() == "mine"
+    assert (tmp_path / "full" / "letter.txt").read_text(encoding="utf-8") == "mine"
 
 
 def test_a_disk_that_fails_is_named(tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def test_a_whole_table_as_csv_and_parquet(tmp_path: Path, monkeypatch: pytest.Mo
         {"case": 'a, "b"', "x_m": 1 / 3, "run": "0a"}, {"case": "c", "x_m": "", "run": "0b"}
     ]  # fmt: skip
     write_rows(tmp_path / "t.csv", rows)
-    assert (tmp_path / "t.csv").read_text() == f'case,x_m,run\n"a, ""b""",{1 / 3!r},0a\nc,,0b\n'
+    assert (tmp_path / "t.csv").read_text(encoding="utf-8") == f'case,x_m,run\n"a, ""b""",{1 / 3!r},0a\nc,,0b\n'
     assert write_parquet(tmp_path / "t.parquet", rows)
     found = pytest.importorskip("pyarrow.parquet").read_table(tmp_path / "t.parquet")
     assert found.to_pydict() == {"case": ['a, "b"', "c"], "x_m": [1 / 3, None], "run": ["0a", "0b"]}
