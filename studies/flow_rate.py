@@ -46,9 +46,10 @@ class Level(NamedTuple):
 
 
 FLOWS = (0.2e-6, 1e-6, SOURCE, 5e-6)
+COARSE = compare_tissues.COARSE
 _DEMO, _PAPER = (compare_tissues.LEVELS[name] for name in ("demo", "paper"))
 LEVELS = {
-    "demo": Level(_DEMO._replace(mesh=_DEMO.mesh.replace(far_size=40e-3, vein_size=5e-3, axial_layers=3)), 0.1),
+    "demo": Level(COARSE._replace(mesh=COARSE.mesh.replace(vein_size=5e-3, lumen_radii=(0.85, 0.55))), 0.1),
     "paper": Level(_DEMO, 0.05),
     "fine": Level(_PAPER, 0.02),
 }

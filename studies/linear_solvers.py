@@ -108,17 +108,19 @@ def alone(chosen: Case) -> Taken:
         return pool.submit(measure, chosen.to_toml_dict()).result()
 
 
-def _calf(order: int = 2, mesh: MeshSettings = LEVELS["demo"].mesh, step: float = 0.01) -> Case:
+def _mesh(far: float, near: float, layers: int, radii: tuple[float, ...] = (0.85, 0.55)) -> MeshSettings:
+    return MeshSettings(element="mixed", far_size=far, vein_size=near, axial_layers=layers, lumen_radii=radii)
+
+
+USUAL = _mesh(25e-3, 3.2e-3, 6)
+FINER = _mesh(20e-3, 2.8e-3, 7, (0.92, 0.78, 0.5))
+COARSEST = _mesh(30e-3, 5e-3, 3, (0.6,))
+"""For what refinement does not matter to."""
+
+
+def _calf(order: int = 2, mesh: MeshSettings = USUAL, step: float = 0.01) -> Case:
     settings = mesh.replace(curving_order=order)
     return case(MAIN[0], LEVELS["demo"]._replace(mesh=settings, order=order, step=step))
-
-
-def _finer(far: float, near: float, layers: int) -> MeshSettings:
-    return LEVELS["demo"].mesh.replace(far_size=far, vein_size=near, axial_layers=layers)
-
-
-COARSEST = _finer(30e-3, 5e-3, 3).replace(lumen_radii=(0.6,))
-"""For what refinement does not matter to."""
 
 
 def _elastic(poisson: float) -> Case:
@@ -131,10 +133,10 @@ def _elastic(poisson: float) -> Case:
 
 
 ROBUSTNESS: dict[str, Case] = {
-    "mesh of demo": _calf(),
-    "mesh of paper": _calf(mesh=LEVELS["paper"].mesh),
-    "mesh of fine": _calf(mesh=LEVELS["fine"].mesh),
-    "tissue of 9 mm": _calf(mesh=_finer(9e-3, 3.2e-3, 12)),
+    "tissue of 25 mm": _calf(),
+    "tissue of 20 mm": _calf(mesh=FINER),
+    "tissue of 14 mm": _calf(mesh=_mesh(14e-3, 2e-3, 9, (0.94, 0.85, 0.7, 0.45))),
+    "tissue of 9 mm": _calf(mesh=_mesh(9e-3, 3.2e-3, 12)),
     **{f"coarsest mesh, order {order}": _calf(order, COARSEST) for order in (2, 3, 4)},
     "step of 100 ms": _calf(mesh=COARSEST, step=0.1),
     "step of 1 ms": _calf(mesh=COARSEST, step=1e-3),
@@ -142,11 +144,11 @@ ROBUSTNESS: dict[str, Case] = {
     **{f"Poisson ratio {poisson:g}": _elastic(poisson) for poisson in (0.3, 0.45, 0.49, 0.499, 0.4999)},
 }
 SIZES: dict[str, Case] = {
-    "demo, order 2": _calf(),
-    "paper, order 2": _calf(mesh=LEVELS["paper"].mesh),
-    "tissue of 9 mm, order 2": _calf(mesh=_finer(9e-3, 3.2e-3, 12)),
-    "demo, order 3": _calf(order=3),
-    "tissue of 7 mm, order 2": _calf(mesh=_finer(7e-3, 3.2e-3, 16)),
+    "tissue of 25 mm, order 2": _calf(),
+    "tissue of 20 mm, order 2": _calf(mesh=FINER),
+    "tissue of 9 mm, order 2": _calf(mesh=_mesh(9e-3, 3.2e-3, 12)),
+    "tissue of 25 mm, order 3": _calf(order=3),
+    "tissue of 7 mm, order 2": _calf(mesh=_mesh(7e-3, 3.2e-3, 16)),
 }
 """Smallest first."""
 

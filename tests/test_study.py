@@ -283,19 +283,19 @@ def test_a_report_without_any_result(tmp_path: Path) -> None:
 def test_accuracy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Errors are distances from the finest run plus Richardson's bar of that; those of space and time are added."""
     losses = {
-        "demo_mesh": 0.2, "paper_mesh": 0.24, "fine_mesh": 0.25, "third_order": 0.25,
+        "demo_mesh": 0.2, "paper_mesh": 0.24, "fine_mesh": 0.25, "order_more": 0.25,
         "double_step": 0.21, "paper_step": 0.22, "half_step": 0.225,
     }  # fmt: skip
     unknowns = {"paper_mesh": 1000, "fine_mesh": 8000}
 
     def all_computed(cases: Mapping[str, Case], folder: Path) -> dict[str, Outcome]:
         assert {key: case.time.step for key, case in cases.items()} == {
-            "demo_mesh": 0.05, "paper_mesh": 0.05, "fine_mesh": 0.05, "third_order": 0.05,
+            "demo_mesh": 0.05, "paper_mesh": 0.05, "fine_mesh": 0.05, "order_more": 0.05,
             "double_step": 0.02, "paper_step": 0.01, "half_step": 0.005,
         }  # fmt: skip
         meshes = {key: case.geometry.mesh for key, case in cases.items()}
         assert meshes["paper_mesh"] != meshes["demo_mesh"] == meshes["half_step"] == meshes["paper_step"]
-        assert cases["third_order"].discretisation.order == meshes["third_order"].curving_order == 3
+        assert cases["order_more"].discretisation.order == meshes["order_more"].curving_order == 4
         runs = {key: fake_run(folder / key, loss=losses[key]) for key in cases}
         for key, run in runs.items():
             run.manifest["unknowns"] = unknowns.get(key, 500)
