@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ngfsi.errors import SolverError
 from ngfsi.solve.backends import BACKENDS, Name
 from ngfsi.solve.multigrid import Levels, PMultigrid
+from ngfsi.solve.sparse import pattern, ranges
 from ngfsi.stopwatch import Stopwatch
 from ngfsi.world import ALONE, World
 
@@ -78,9 +79,9 @@ class Factorisation:
 
     def _entries(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return where the entries of the rows that move are to be, and where they are."""
-        columns, starts = (np.asarray(part, dtype=np.int64) for part in self.form.mat.CSR()[1:])
+        columns, starts = pattern(self.form.mat)
         moved = np.flatnonzero(self._equations != np.arange(len(self._equations)))
-        target, source = (_ranges(starts[rows], starts[rows + 1]) for rows in (moved, self._equations[moved]))
+        target, source = (ranges(starts[rows], starts[rows + 1]) for rows in (moved, self._equations[moved]))
         if not np.array_equal(columns[target], columns[source]):
             raise SolverError("equations can be exchanged only between rows with entries in the same columns")
         return target, source
@@ -127,11 +128,3 @@ class Factorisation:
         vector = product.Evaluate()
         self._world.add(vector.FV().NumPy())
         return vector
-
-
-def _ranges(starts: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the numbers from each start up to its end, one after the other."""
-    sizes = ends - starts
-    before = np.cumsum(sizes) - sizes
-    ranges: NDArray[np.int64] = np.arange(int(sizes.sum())) + np.repeat(starts - before, sizes)
-    return ranges
