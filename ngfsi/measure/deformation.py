@@ -39,9 +39,9 @@ class Deformation:
         self._fluid = domain.geometry.fluid
         self._warned: set[str] = set()
         self._points = {name: domain.mesh.MapToAllElements(points, domain.materials(name)) for name in domain.regions}
-        self._unknowns = motion.vec.FV().NumPy()
+        self._motion = motion
         self._known: dict[str, tuple[float, int]] = {}
-        self._known_of = np.full_like(self._unknowns, np.nan)
+        self._known_of = np.zeros(0)
 
     def smallest_jacobian(self, region: str) -> float:
         """Return the smallest det F of a region."""
@@ -49,9 +49,9 @@ class Deformation:
 
     def _smallest(self, region: str) -> tuple[float, int]:
         """Return the smallest det F of a region and the number of the point where it is, computed once per state."""
-        if not np.array_equal(self._unknowns, self._known_of):
-            self._known.clear()
-            self._known_of[:] = self._unknowns
+        state = self._motion.vec.FV().NumPy()
+        if not np.array_equal(state, self._known_of):
+            self._known, self._known_of = {}, state.copy()
         if region not in self._known:
             values = np.ravel(self._J(self._points[region]))
             number = int(np.argmin(values))
