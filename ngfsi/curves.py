@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
-from scipy.interpolate import CubicSpline
 
 from ngfsi.columns import first_columns
 from ngfsi.complaint import key_error
@@ -197,7 +196,9 @@ class Waveform(Section, Generic[Q]):
 
 
 @cache
-def _periodic(times: tuple[float, ...], values: tuple[float, ...]) -> CubicSpline:
+def _periodic(times: tuple[float, ...], values: tuple[float, ...]) -> Any:
+    from scipy.interpolate import CubicSpline  # takes half a second, which most cases need not wait for
+
     return CubicSpline(times, (*values[:-1], values[0]), bc_type="periodic")
 
 

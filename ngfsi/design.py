@@ -12,7 +12,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from ngfsi.case import Case
 from ngfsi.errors import CaseError
@@ -76,7 +75,7 @@ def one_at_a_time(base: Mapping[str, float], values: Mapping[str, Sequence[float
 
 def latin_hypercube(ranges: Ranges, number: int, seed: int = 0) -> Design:
     """Return points that are evenly spread along each factor (McKay, Beckman and Conover, Technometrics 21, 1979)."""
-    return _spread(ranges, qmc.LatinHypercube(len(ranges), rng=seed).random(number))
+    return _spread(ranges, "LatinHypercube", number, seed)
 
 
 def sobol(ranges: Ranges, number: int, seed: int = 0) -> Design:
@@ -87,7 +86,7 @@ def sobol(ranges: Ranges, number: int, seed: int = 0) -> Design:
     """
     if number < 1 or number & (number - 1):
         raise CaseError(f"{number} points of Sobol's sequence are not balanced: take a power of two")
-    return _spread(ranges, qmc.Sobol(len(ranges), rng=seed).random(number))
+    return _spread(ranges, "Sobol", number, seed)
 
 
 def saltelli(ranges: Ranges, number: int, seed: int = 0) -> Design:
@@ -156,8 +155,11 @@ def whole_trajectories(design: Design, results: Sequence[float]) -> tuple[Design
     return replace(design, points=design.points[kept]), [float(value) for value in values.ravel()[kept]]
 
 
-def _spread(ranges: Ranges, unit: Array) -> Design:
+def _spread(ranges: Ranges, sampler: Literal["LatinHypercube", "Sobol"], number: int, seed: int) -> Design:
+    from scipy.stats import qmc  # takes a second, which the child processes of a study need not wait for
+
     low, high = np.array(list(ranges.values()), dtype=float).T
+    unit = getattr(qmc, sampler)(len(ranges), rng=seed).random(number)
     return _design(ranges, qmc.scale(unit, low, high))
 
 

@@ -9,7 +9,6 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from scipy.interpolate import CubicSpline
 
 from ngfsi.columns import read_columns
 from ngfsi.complaint import key_error
@@ -84,7 +83,9 @@ class OutlineDisplacement(Section):
         return Outline(x=self.x, y=self.y)
 
     @cached_property
-    def _spline(self) -> CubicSpline:
+    def _spline(self) -> Any:
+        from scipy.interpolate import CubicSpline  # takes half a second, which a case without need not wait for
+
         arc = self._outline.nearest(np.column_stack([self.x, self.y]))
         order = np.argsort(arc)
         knots, values = arc[order], np.column_stack([self.ux, self.uy])[order]

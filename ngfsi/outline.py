@@ -1,4 +1,7 @@
-"""Closed outlines in a plane: periodic cubic splines through points, their arc length, area and nearest points."""
+"""Closed outlines in a plane: periodic cubic splines through points, their arc length, area and nearest points.
+
+SciPy's interpolation and Matplotlib take most of a second to import: a case without outlines need not wait for them.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,8 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from matplotlib.path import Path as Polygon
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from scipy.interpolate import CubicSpline, PchipInterpolator
-from scipy.spatial import cKDTree
 
 from ngfsi.columns import read_columns
 from ngfsi.errors import GeometryError, NgfsiError
@@ -98,7 +98,9 @@ class Outline(Section):
         return np.column_stack([self.x, self.y])
 
     @cached_property
-    def _spline(self) -> CubicSpline:
+    def _spline(self) -> Any:
+        from scipy.interpolate import CubicSpline
+
         closed = np.vstack([self.points, self.points[:1]])
         return CubicSpline(np.r_[0.0, np.cumsum(np.hypot(*np.diff(closed, axis=0).T))], closed, bc_type="periodic")
 
@@ -138,6 +140,8 @@ class Outline(Section):
         return np.asarray(self._spline(self._parameter(np.asarray(arc))))
 
     def _parameter(self, arc: Array) -> Array:
+        from scipy.interpolate import PchipInterpolator
+
         fine, lengths = self._arc
         return np.asarray(PchipInterpolator(lengths, fine)(np.mod(arc, self.length)))
 
@@ -147,6 +151,9 @@ class Outline(Section):
 
     def nearest(self, points: Array) -> Array:
         """Return the arc lengths (n,) [m] of the points of the curve nearest to points (n, 2) [m]."""
+        from scipy.interpolate import CubicSpline
+        from scipy.spatial import cKDTree
+
         fine, lengths = self._arc
         near = self._spline(fine[:-1])
         start = cKDTree(near).query(points)[1]
@@ -172,6 +179,8 @@ class Outline(Section):
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Return which of points (n, 2) [m] lie inside the curve, sampled at 4 points to a piece."""
+        from matplotlib.path import Path as Polygon
+
         return np.asarray(Polygon(self._spline(self._arc[0])).contains_points(points))
 
     def covers(self, x: Array, y: Array) -> NDArray[np.bool_]:

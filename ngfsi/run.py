@@ -5,10 +5,11 @@ from __future__ import annotations
 import resource
 from collections.abc import Iterator
 from contextlib import suppress
+from importlib import import_module
 from math import inf
 from pathlib import Path
 from time import perf_counter
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import ngsolve as ng
 
@@ -18,7 +19,6 @@ from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, Solver
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
 from ngfsi.measure.shape import Shape
-from ngfsi.measure.stability import Stability
 from ngfsi.output.checkpoint import Checkpoint, Checkpoints
 from ngfsi.output.fields import COLLAPSE, DEFORMATION, STRESS, FieldWriter
 from ngfsi.output.folder import CASE, CHECKPOINTS, MANIFEST, STOP, RunFolder
@@ -37,8 +37,13 @@ from ngfsi.stops import Stops
 from ngfsi.stopwatch import Stopwatch
 from ngfsi.world import world
 
+if TYPE_CHECKING:
+    from ngfsi.measure.stability import Stability
+
 STAGE = "stability"
 """Of the names of arrays in checkpoints."""
+LIBRARIES = ("pyvista", "scipy.integrate", "scipy.interpolate")
+"""Those with which every run measures and writes: a second to load, for which a refused case need not wait."""
 WALL_REFINEMENT = 3
 """Points along each side of an interface element in the written wall fields."""
 
@@ -185,6 +190,8 @@ class Computation:
             self.folder.update_manifest(mesh=domain.statistics())
         if self.start and self.start.facts["mesh"] != self._mesh:
             raise OutputError(f"the checkpoint in '{self.folder.path}' is of another mesh: run the case anew")
+        for name in LIBRARIES:  # not within the seconds of measures and output, which are told and extrapolated
+            import_module(name)
         try:
             with ng.TaskManager():
                 self._solve(domain, stops, quiet=quiet)
@@ -208,6 +215,8 @@ class Computation:
         with self.watch("measures"):
             probe = Probe(system)
             if self.case.output.stability:
+                from ngfsi.measure.stability import Stability  # with solvers of eigenvalues, which most runs do without
+
                 self._stability = Stability(system)
         shape = probe.deformation
         loop = TimeLoop(self.case, system, newton, shape.inversion, self.folder.log, explain=shape.narrowest)

@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import ngsolve as ng
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.linalg import ArpackError, eigs
 
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
@@ -20,6 +19,7 @@ from ngfsi.section import Section
 from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import in_load_steps
 from ngfsi.solve.newton import Newton
+from ngfsi.solve.sparse import csr
 from ngfsi.solve.system import System
 
 
@@ -111,8 +111,7 @@ def softest_mode(system: System) -> SoftestMode:
         shear += modulus * ng.InnerProduct(ng.Grad(trial), ng.Grad(test)) * domain.dx(name)
     shear.Assemble()
     chosen = np.flatnonzero(free)
-    matrices = (csr_matrix(tuple(map(np.array, form.mat.CSR())), shape=2 * (space.ndof,)) for form in (tangent, shear))
-    stiffness, mass = (csc_matrix(matrix[chosen][:, chosen]) for matrix in matrices)
+    stiffness, mass = (csr(form.mat)[chosen][:, chosen].tocsc() for form in (tangent, shear))
     try:
         values, modes = eigs(stiffness, k=2, M=mass, sigma=0.0, v0=np.ones(len(chosen)))
     except (ArpackError, RuntimeError) as error:

@@ -30,12 +30,10 @@ from ngfsi.output.progress import Watch
 from ngfsi.output.stored import StoredRun, open_run
 from ngfsi.output.table import write_parquet, write_rows
 from ngfsi.run import resume, run
+from ngfsi.world import threads
 
 PATIENCE = (30.0, 30.0)
 """Seconds that an interrupted run has to end after its step, and then, asked again, at once, before it is killed."""
-
-THREADS = ("NGS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-"""Variables of the environment from which NGSolve and MKL take the number of threads."""
 
 HASH = 16
 """Digits of the hash of a case that name the folder of its run."""
@@ -97,7 +95,7 @@ def workers() -> Iterator[Executor]:
     What they take and return goes from process to process, and so do no systems or meshes.
     """
     before = dict(os.environ)
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+    os.environ.update(threads(1))
     pool = ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn"))
     try:
         yield pool
@@ -273,10 +271,10 @@ def _compute_all(
         )
         return
     children: list[subprocess.Popen[str]] = []
-    threads = max(1, (os.cpu_count() or 1) // side_by_side)
+    count = max(1, (os.cpu_count() or 1) // side_by_side)
     pool = ThreadPoolExecutor(side_by_side)
     try:
-        waiting = {pool.submit(_compute, c.to_toml(), folder / key, threads, children): key for key, c in cases.items()}
+        waiting = {pool.submit(_compute, c.to_toml(), folder / key, count, children): key for key, c in cases.items()}
         yield from _gather(waiting, folder, watch)
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
@@ -320,22 +318,20 @@ def _interrupt(children: Sequence[subprocess.Popen[str]]) -> None:
 
 
 def _compute(
-    case: str, folder: Path, threads: int = 1, children: list[subprocess.Popen[str]] | None = None
+    case: str, folder: Path, count: int = 1, children: list[subprocess.Popen[str]] | None = None
 ) -> tuple[int, str]:
-    """Run a case, given as the text of its file, in a child process, noted in `children`.
+    """Run a case, given as the text of its file, in a child process with `count` threads, noted in `children`.
 
     Returns its exit code and what it said on standard error.
     """
     request = folder.with_name(f"{folder.name}.{CASE}")
     request.write_text(case, encoding="utf-8")
     command = [sys.executable, "-m", "ngfsi.study", str(request), str(folder)]
-    environment = (
-        os.environ
-        | dict.fromkeys(THREADS, str(threads))
-        | {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
-    )
+    path = {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
     # a session of its own keeps the terminal's Ctrl-C from it, which `_compute_all` passes on once
-    child = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    child = subprocess.Popen(
+        command, env=os.environ | threads(count) | path, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     if children is not None:
         children.append(child)
     said = child.communicate()[1]

@@ -15,20 +15,27 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ngfsi.errors import CaseError, SolverError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 LAUNCHERS = {"OMPI_COMM_WORLD_RANK": "OMPI_COMM_WORLD_SIZE", "PMI_RANK": "PMI_SIZE"}
 """Variables by which Open MPI, and MPICH and its kin, tell a process which it is, and how many there are."""
 THREADS = ("NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Variables from which NGSolve, NumPy and MKL take the number of threads as they are loaded: this module loads none."""
 END = "end"
 
 T = TypeVar("T")
 Handler = Callable[..., None]
+
+
+def threads(count: int) -> dict[str, str]:
+    """Return the environment of a process with so many threads."""
+    return dict.fromkeys(THREADS, str(count))
 
 
 class World:
@@ -128,6 +135,8 @@ class World:
 
     def lowest(self, count: int, mine: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return for each of `count` things the lowest rank that has it among its own, or their number if none has."""
+        import numpy as np  # not before the number of its threads is known
+
         found = np.full(count, self.size)
         found[mine] = self.rank
         if self.size > 1:
@@ -159,8 +168,8 @@ def world() -> World:
     _, size = launched()
     if size == 1:
         return ALONE
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    for name, count in threads(1).items():
+        os.environ.setdefault(name, count)
     missing = [name for name in ("mpi4py", "petsc4py") if find_spec(name) is None]
     if missing:
         raise CaseError(

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
+import sys
 
-# before NGSolve is loaded: with one thread alone runs are the same to the last bit; child processes inherit it
-os.environ.update(dict.fromkeys(("NGS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+from ngfsi.world import threads
+
+# before NumPy and NGSolve are loaded: with one thread alone runs are the same to the last bit; children inherit it
+os.environ.update(threads(1))
+# child processes find the same modules, wherever they are started
+os.environ["PYTHONPATH"] = os.pathsep.join(entry for entry in sys.path if entry)
 
 import pytest
 

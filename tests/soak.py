@@ -24,6 +24,7 @@ from ngfsi import cli
 from ngfsi.output.provenance import now, versions
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import TimeLoop
+from ngfsi.world import threads
 from tests.test_resume import CASE, assert_same, counted_on_disk, dying
 
 LONGER = CASE.replace(**{"time.step": 0.01, "time.end": 1.0, "output.fields_every": 10, "output.checkpoint_every": 5})
@@ -51,9 +52,8 @@ def counted_in_steps(count: int) -> None:
 
 
 def start(moment: str, count: int, *arguments: str) -> subprocess.Popen[str]:
-    environment = os.environ | dict.fromkeys(("NGS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     command = [sys.executable, "-m", "tests.soak", "--doomed", moment, str(count), *arguments, "--quiet"]
-    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, env=os.environ | threads(1), stderr=subprocess.PIPE, text=True)
 
 
 def kill_until_done(case: Path, folder: Path, most: int, longest: float, rng: np.random.Generator) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
 import subprocess
@@ -229,7 +228,6 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "ngfsi.cli", "run", "case.toml", "--output", "out"],
         cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)},
         stderr=subprocess.PIPE,
         text=True,
         # a test started in the background of a shell hands down that the signal is ignored

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ngfsi.output import open_run
-from ngfsi.output.citing import THREADS
 from ngfsi.run import run
+from ngfsi.world import threads
 from tests.test_resume import CASE
 
 SHORT = CASE.replace(**{"time.end": 0.1})
@@ -21,7 +21,7 @@ def test_two_threads_change_no_result(tmp_path: Path) -> None:
     """To 1e-9 of each column's largest value; the defect of mass, itself nothing but rounding, to that of the flow."""
     (tmp_path / "case.toml").write_text(SHORT.to_toml())
     command = [sys.executable, "-m", "ngfsi.cli", "run", str(tmp_path / "case.toml"), "--output", str(tmp_path / "two")]
-    subprocess.run([*command, "--quiet"], env=os.environ | dict.fromkeys(THREADS, "2"), check=True)
+    subprocess.run([*command, "--quiet"], env=os.environ | threads(2), check=True)
     one, two = run(SHORT, tmp_path / "one", quiet=True), open_run(tmp_path / "two")
     assert (one.manifest["threads"], two.manifest["threads"]) == (1, 2)
     assert list(two.series) == list(one.series)

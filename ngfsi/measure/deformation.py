@@ -39,10 +39,24 @@ class Deformation:
         self._fluid = domain.geometry.fluid
         self._warned: set[str] = set()
         self._points = {name: domain.mesh.MapToAllElements(points, domain.materials(name)) for name in domain.regions}
+        self._motion = motion
+        self._known: dict[str, tuple[float, int]] = {}
+        self._known_of = np.zeros(0)
 
     def smallest_jacobian(self, region: str) -> float:
         """Return the smallest det F of a region."""
-        return float(np.min(self._J(self._points[region])))
+        return self._smallest(region)[0]
+
+    def _smallest(self, region: str) -> tuple[float, int]:
+        """Return the smallest det F of a region and the number of the point where it is, computed once per state."""
+        state = self._motion.vec.FV().NumPy()
+        if not np.array_equal(state, self._known_of):
+            self._known, self._known_of = {}, state.copy()
+        if region not in self._known:
+            values = np.ravel(self._J(self._points[region]))
+            number = int(np.argmin(values))
+            self._known[region] = float(values[number]), number
+        return self._known[region]
 
     def largest_displacement(self) -> float:
         """Return the largest displacement (m) of the solids."""
@@ -112,9 +126,8 @@ class Deformation:
 
     def worst(self, region: str) -> tuple[float, str]:
         """Return the smallest det F of a region and the deformed place where it is, in words."""
-        values = np.ravel(self._J(self._points[region]))
-        number = int(np.argmin(values))
-        return float(values[number]), self._deformed_place(region, number)
+        smallest, number = self._smallest(region)
+        return smallest, self._deformed_place(region, number)
 
     def _deformed_place(self, region: str, number: int) -> str:
         points = self._points[region]

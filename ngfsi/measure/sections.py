@@ -1,4 +1,7 @@
-"""Cross-sections of the deformed lumen at stations along the vein, and the flow through them."""
+"""Cross-sections of the deformed lumen at stations along the vein, and the flow through them.
+
+SciPy is loaded when there is something to measure: half a second, for which a refused case need not wait.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,6 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
-from scipy.interpolate import CubicSpline
 
 from ngfsi.domain import Vein
 from ngfsi.solve.system import System
@@ -92,10 +93,14 @@ class Sections:
 
     def local_flows(self, inflow: float) -> Array:
         """Return the flow (m3/s) through each station, from the inflow and the rates of area before it."""
+        from scipy.interpolate import CubicSpline
+
         return np.asarray(inflow - CubicSpline(self.heights, self.area_rates).antiderivative()(self.heights))
 
     def mean_over_wall(self, values: Array) -> float:
         """Return the mean of a quantity of each section, weighted by the perimeter."""
+        from scipy.integrate import trapezoid
+
         return float(trapezoid(values * self.perimeters) / trapezoid(self.perimeters))
 
     def _enclosed(self, ring: Array, tangent: Array) -> Array:

@@ -1,4 +1,7 @@
-"""Shape of the lumen in sections perpendicular to the vein's axis, wherever that leads."""
+"""Shape of the lumen in sections perpendicular to the vein's axis, wherever that leads.
+
+SciPy is loaded when there is something to measure, as in `sections`.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from ngfsi.measure.sections import Arcs, Sections
 
@@ -78,6 +80,8 @@ class Shape:
     @classmethod
     def _of_rings(cls, rings: Array, heights: Array, arcs: Arcs) -> Self:
         """Return the shape of outlines (stations, points, 3) in planes at the heights."""
+        from scipy.interpolate import CubicSpline
+
         tangents = arcs.derivative(rings)
         centre = np.stack([np.mean(ring, axis=0) for ring in rings])
         for _ in range(2):  # the centroid is known once the plane is, which needs the axis: a rough one first

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 
 Array = NDArray[np.float64]
 
@@ -42,6 +41,8 @@ class ShearHistory:
         Raises:
             ValueError: fewer than two times, or as many times as stresses are not given.
         """
+        from scipy.integrate import trapezoid  # takes half a second, which reading a run need not wait for
+
         if len(times) < 2 or len(times) != len(shear):
             raise ValueError(f"averages need two times or more, with a stress each: {len(times)}, {len(shear)}")
         span = times[-1] - times[0]

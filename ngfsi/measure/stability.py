@@ -20,13 +20,13 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from ngfsi.errors import SolverError
 from ngfsi.physics import terms
 from ngfsi.solve.backends import BACKENDS, choose_backend
 from ngfsi.solve.forms import Part, rules, tangent_form
+from ngfsi.solve.sparse import csr
 from ngfsi.solve.system import System
 
 Array = NDArray[np.float64]
@@ -169,7 +169,7 @@ class Stability:
         """Return the entries of the present tangent's symmetric part, which the form's matrix then has."""
         self._form.AssembleLinearization(self._system.state.components[0].vec)
         entries = self._form.mat.AsVector().FV().NumPy()
-        entries[:] = (entries + _whole(self._form).T.tocsr().data) / 2
+        entries[:] = (entries + csr(self._form.mat).T.tocsr().data) / 2
         return np.array(entries)
 
     def _mass_matrices(self) -> dict[str, Any]:
@@ -188,7 +188,7 @@ class Stability:
 
     def _restricted(self, form: ng.BilinearForm, entries: Array | None = None) -> Any:
         """Return a form's matrix, or one of the same pattern, on the free unknowns."""
-        return _whole(form, entries)[self._free][:, self._free]
+        return csr(form.mat, entries)[self._free][:, self._free]
 
     def _inverse(self, entries: Array) -> LinearOperator:
         """Return the inverse of a tangent on the free unknowns."""
@@ -208,12 +208,6 @@ class Stability:
         load[:] = 0.0
         size = int(np.count_nonzero(self._free))
         return LinearOperator((size, size), matvec=solve, dtype=float)
-
-
-def _whole(form: ng.BilinearForm, entries: Array | None = None) -> Any:
-    """Return a form's matrix, or one of the same pattern."""
-    values, columns, starts = (np.array(part) for part in form.mat.CSR())
-    return csr_matrix((values if entries is None else entries, columns, starts), shape=(len(starts) - 1,) * 2)
 
 
 def _eigen(matrix: Any, count: int, **options: Any) -> tuple[Array, Array]:

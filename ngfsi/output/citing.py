@@ -10,6 +10,7 @@ from ngfsi.case import Case
 from ngfsi.materials import available_sets, read_set
 from ngfsi.output.folder import CASE
 from ngfsi.output.stored import StoredRun
+from ngfsi.world import threads
 
 SOFTWARE = (
     "J. Schöberl, C++11 implementation of finite elements in NGSolve, ASC Report 30/2014, TU Wien",
@@ -59,13 +60,12 @@ def repeat_commands(run: StoredRun) -> list[str]:
         commands.append("# the files differed from that commit")
     if versions:
         commands.append(shlex.join(["pip", "install", *(f"{name}=={version}" for name, version in versions.items())]))
-    threads = " ".join(f"{name}={manifest.get('threads', 1)}" for name in THREADS)
+    environment = " ".join(f"{name}={count}" for name, count in threads(manifest.get("threads", 1)).items())
     solver = manifest.get("linear_solver", run.case.solver.linear)
     words = ["ngfsi", "run", str(run.path / CASE), "--output", f"{run.path}-again", "--set", f"solver.linear={solver}"]
-    return [*commands, f"{threads} {shlex.join(words)}"]
+    return [*commands, f"{environment} {shlex.join(words)}"]
 
 
-THREADS = ("NGS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 _NOT_INSTALLED = ("ngfsi", "python")
 
 

@@ -3,23 +3,27 @@
 Points are those of the deformed shape; the field `displacement_m` leads back to the reference shape. Volume cells are
 curved, of second order whatever the order of the fields, and do not share points, so that fields may jump between
 regions; the cell field `region` numbers the regions in the order of the field data `regions`.
+
+pyvista takes a quarter of a second to import, for which what writes no fields need not wait.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import ngsolve as ng
 import numpy as np
-import pyvista as pv
 
 from ngfsi.domain import Domain
 from ngfsi.errors import OutputError
 from ngfsi.measure.wall import WallSample
 from ngfsi.output.disk import explained, move_into_place, replace_file
+
+if TYPE_CHECKING:
+    import pyvista as pv
 
 FOLDER = "fields"
 GRIDS, INDEX, NUMBERED = ("volume", "wall"), "{}.pvd", "{}_{:04d}.vtu"
@@ -35,11 +39,11 @@ CELL_ORDER = 2
 """Higher ones make files large without being seen, and hardly any program but ParaView reads them."""
 
 MIRRORED = {
-    pv.CellType.QUADRATIC_TETRA: [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
-    pv.CellType.QUADRATIC_HEXAHEDRON: [4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11, 16, 17, 18, 19],
-    pv.CellType.BIQUADRATIC_QUADRATIC_WEDGE: [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8, 12, 13, 14, 15, 16, 17],
+    "QUADRATIC_TETRA": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
+    "QUADRATIC_HEXAHEDRON": [4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11, 16, 17, 18, 19],
+    "BIQUADRATIC_QUADRATIC_WEDGE": [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8, 12, 13, 14, 15, 16, 17],
 }
-"""Order of the nodes that turns a cell of negative volume into the same cell of positive volume."""
+"""VTK's name of a cell -> order of the nodes that turns one of negative volume into the same of positive volume."""
 
 
 class FieldWriter:
@@ -124,6 +128,8 @@ class FieldWriter:
                     path.unlink()
 
     def _volume(self) -> pv.UnstructuredGrid:
+        import pyvista as pv
+
         for projection, field in self._projected.values():
             projection.Set(field)
         raw = self.folder / FOLDER / "unfinished"
@@ -154,10 +160,12 @@ class FieldWriter:
 
 def _orient(grid: pv.UnstructuredGrid) -> None:
     """Renumber the nodes of cells that NGSolve wrote with negative volume: its tetrahedra turn the other way."""
+    import pyvista as pv
+
     negative = grid.compute_cell_sizes()["Volume"] < 0
     nodes = grid.cell_connectivity
     for kind, order in MIRRORED.items():
-        first = grid.cell_offsets[:-1][negative & (grid.celltypes == kind)]
+        first = grid.cell_offsets[:-1][negative & (grid.celltypes == pv.CellType[kind])]
         nodes[first[:, None] + np.arange(len(order))] = nodes[first[:, None] + order]
 
 
@@ -174,6 +182,8 @@ def _take_invariants(grid: pv.UnstructuredGrid) -> None:
 
 def wall_grid(wall: WallSample) -> pv.UnstructuredGrid:
     """Return the sampled wall as linear quadrilaterals with wall shear stress and pressure."""
+    import pyvista as pv
+
     quads = np.column_stack([np.full(len(wall.quads), 4), wall.quads])
     types = np.full(len(wall.quads), pv.CellType.QUAD)
     grid = pv.UnstructuredGrid(quads.ravel(), types, wall.points.astype(np.float32))

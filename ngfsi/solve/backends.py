@@ -9,20 +9,22 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import ngsolve as ng
 import numpy as np
 from ngsolve.solvers.mkl_pardiso import MKLPardiso
 
 from ngfsi.errors import SolverError
-from ngfsi.solve.multigrid import Levels, PMultigrid
 from ngfsi.solve.mumps import without_petsc
 from ngfsi.world import world
 
+if TYPE_CHECKING:
+    from ngfsi.solve.multigrid import Levels
+
 Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid"]
 
-GetLevels = Callable[[], Levels] | None
+GetLevels = Callable[[], "Levels"] | None
 
 NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
 """It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the
@@ -111,6 +113,8 @@ class Iterative(Backend):
         """
         if _levels is None or shared:
             raise SolverError("solver.linear = 'p_multigrid' is for coupled systems: use 'auto' for this one")
+        from ngfsi.solve.multigrid import PMultigrid  # with SciPy's GMRES, which direct solvers do without
+
         direct = BACKENDS[choose_backend("auto")]
         if old is None:
             return PMultigrid(matrix, rows, _levels(), direct.factors)

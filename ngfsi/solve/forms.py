@@ -13,6 +13,8 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.solve.sparse import pattern, ranges
+
 SHAPES = (ng.TRIG, ng.QUAD, ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
 
 
@@ -115,8 +117,8 @@ class WithoutRows:
         """Return where the entries of the rows of the part are in both matrices."""
         places, keys = [], []
         for form in (self._whole, self._part):
-            columns, starts = (np.asarray(part, dtype=np.int64) for part in form.mat.CSR()[1:])
-            place = np.concatenate([np.arange(starts[row], starts[row + 1]) for row in self._rows])
+            columns, starts = pattern(form.mat)
+            place = ranges(starts[self._rows], starts[self._rows + 1])
             places.append(place)
             keys.append(np.repeat(self._rows, np.diff(starts)[self._rows]) * form.space.ndof + columns[place])
         order = np.argsort(keys[0])

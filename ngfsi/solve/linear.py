@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
-from ngfsi.solve.backends import BACKENDS, Name
-from ngfsi.solve.multigrid import Levels, PMultigrid
+from ngfsi.solve.backends import BACKENDS, Iterative, Name
+from ngfsi.solve.sparse import pattern, ranges
 from ngfsi.stopwatch import Stopwatch
 from ngfsi.world import ALONE, World
+
+if TYPE_CHECKING:
+    from ngfsi.solve.multigrid import Levels
 
 Mask = NDArray[np.bool_]
 Vector = NDArray[np.float64]
@@ -45,6 +48,7 @@ class Factorisation:
         self._solved = ng.BitArray(list(free & np.array(list(form.space.FreeDofs(form.condense)))))
         self._target: NDArray[np.int64] | None = None
         self._inverse: Any = None
+        self._iterates = isinstance(BACKENDS[backend], Iterative)
         self._levels = levels
 
     def renew(self, state: Any) -> None:
@@ -78,9 +82,9 @@ class Factorisation:
 
     def _entries(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return where the entries of the rows that move are to be, and where they are."""
-        columns, starts = (np.asarray(part, dtype=np.int64) for part in self.form.mat.CSR()[1:])
+        columns, starts = pattern(self.form.mat)
         moved = np.flatnonzero(self._equations != np.arange(len(self._equations)))
-        target, source = (_ranges(starts[rows], starts[rows + 1]) for rows in (moved, self._equations[moved]))
+        target, source = (ranges(starts[rows], starts[rows + 1]) for rows in (moved, self._equations[moved]))
         if not np.array_equal(columns[target], columns[source]):
             raise SolverError("equations can be exchanged only between rows with entries in the same columns")
         return target, source
@@ -88,7 +92,7 @@ class Factorisation:
     @property
     def linear_iterations(self) -> int:
         """Iterations of an iterative solver since the beginning; 0 for a direct one."""
-        return self._inverse.iterations if isinstance(self._inverse, PMultigrid) else 0
+        return int(self._inverse.iterations) if self._iterates and self._inverse is not None else 0
 
     def solve(self, residual: Any, update: Any, scale: Vector | None = None) -> None:
         """Write the solution of (linearisation) update = residual, zero on fixed unknowns, to `update`.
@@ -105,7 +109,7 @@ class Factorisation:
             self._solve(residual, update, scale)
 
     def _invert(self, right: Any, result: Any, scale: Vector | None) -> None:
-        if isinstance(self._inverse, PMultigrid):
+        if self._iterates:
             result.FV().NumPy()[:] = self._inverse.solve(right, scale)
         else:
             result.data = self._inverse * right
@@ -127,11 +131,3 @@ class Factorisation:
         vector = product.Evaluate()
         self._world.add(vector.FV().NumPy())
         return vector
-
-
-def _ranges(starts: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the numbers from each start up to its end, one after the other."""
-    sizes = ends - starts
-    before = np.cumsum(sizes) - sizes
-    ranges: NDArray[np.int64] = np.arange(int(sizes.sum())) + np.repeat(starts - before, sizes)
-    return ranges

@@ -21,11 +21,11 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import CELL, EDGE, FACE, VERTEX, NodeId
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ngfsi.domain import Domain
 from ngfsi.errors import SolverError
+from ngfsi.solve.sparse import csr
 from ngfsi.solve.unknowns import Mask, Numbers, Unknowns
 
 Vector = NDArray[np.float64]
@@ -120,11 +120,7 @@ class PMultigrid:
 
     def update(self) -> None:
         """Take the new values of the matrix, which then must stay until the next update."""
-        values, columns, starts = self._matrix.CSR()
-        whole = csr_matrix(
-            (np.asarray(values), np.asarray(columns), np.asarray(starts).astype(np.asarray(columns).dtype)),
-            shape=(self._matrix.height, self._matrix.width),
-        )
+        whole = csr(self._matrix)
         # the rows alone whose defect is wanted
         self._rows = [whole[group] for group in self._groups[1:]]
         for i, group in enumerate(self._groups):

@@ -37,8 +37,6 @@ SAME_EQUATIONS = 1e-6
 """Relative difference of the parameters of steps that are as long but for rounding."""
 DEPENDENT = 1e-12
 """Differences that depend on each other up to this share add nothing."""
-
-
 FACTORED_KEPT = 2
 
 
@@ -119,7 +117,7 @@ class Newton:
             system.watch,
             lambda: system.levels,
             system.world,
-        )  # fmt: skip
+        )
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False

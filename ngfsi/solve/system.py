@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import ngsolve as ng
 import numpy as np
@@ -21,11 +21,13 @@ from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics, in_space
 from ngfsi.solve.boundary import boundary_values
 from ngfsi.solve.forms import Part, WithoutRows, reduced_rules, residual_form, rules, tangent_form
-from ngfsi.solve.multigrid import Levels, levels_of
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
 from ngfsi.stopwatch import Stopwatch
 from ngfsi.world import ALONE, World
+
+if TYPE_CHECKING:
+    from ngfsi.solve.multigrid import Levels
 
 Vector = NDArray[np.float64]
 
@@ -114,6 +116,8 @@ class System:
     @cached_property
     def levels(self) -> Levels:
         """The levels of p-multigrid, as solver and for nothing else."""
+        from ngfsi.solve.multigrid import levels_of  # with SciPy's GMRES, which direct solvers do without
+
         return levels_of(self.domain, self.unknowns)
 
     # ---------------------------------------------------------------- weak form

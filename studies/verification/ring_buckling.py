@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
-from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import eigsh
 
 from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
+from ngfsi.solve.sparse import csr
 from ngfsi.verify import Benchmark, Reference, Setting, Values, VerificationError
 from studies.verification.solid import solve
 
@@ -63,8 +63,7 @@ class QuarterRing:
         """Return the smallest eigenvalue of the linearised round ring under a pressure."""
         self.press(scaled)
         self.form.AssembleLinearization(self.found.vec)
-        entries, columns, starts = self.form.mat.CSR()
-        matrix = csr_matrix((np.array(entries), np.array(columns), np.array(starts)))[self.free][:, self.free]
+        matrix = csr(self.form.mat)[self.free][:, self.free]
         return float(eigsh(matrix, k=1, sigma=0.0, return_eigenvectors=False, tol=1e-8)[0])
 
     def height(self) -> float:

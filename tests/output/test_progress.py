@@ -11,6 +11,15 @@ from ngfsi.output.progress import Progress, Watch
 from tests.output.fake import CASE
 
 
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """A wide terminal that somebody watches."""
+    monkeypatch.setenv("FORCE_COLOR", "1")  # rich then takes any stream for a terminal
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.delenv("CI", raising=False)
+    return monkeypatch
+
+
 def shown(steps: int, capsys: pytest.CaptureFixture[str], *, quiet: bool = False) -> str:
     with Progress("demo", end=2.0, steps=steps, quiet=quiet) as progress:
         progress.phase("meshing")
@@ -37,26 +46,18 @@ def test_the_last_line_is_there_whatever_the_steps(capsys: pytest.CaptureFixture
     assert shown(7, capsys).splitlines()[-1].startswith("demo: 100%")
 
 
-def test_a_bar_on_a_terminal_and_none_in_ci(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")  # rich then takes any stream for a terminal
-    monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.delenv("CI", raising=False)
+def test_a_bar_on_a_terminal_and_none_in_ci(capsys: pytest.CaptureFixture[str], terminal: pytest.MonkeyPatch) -> None:
     bar = shown(4, capsys)
     assert "step 4/4  t = 2 s  4 iterations" in bar
     assert "ETA" in bar
     assert "100%" not in bar
-    monkeypatch.setenv("CI", "true")
+    terminal.setenv("CI", "true")
     assert shown(4, capsys).splitlines()[-1] == "demo: 100%  step 4/4  t = 2 s  4 iterations"
 
 
 def test_watching_other_processes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], terminal: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.delenv("CI", raising=False)
     with Watch({"m": (tmp_path / "m", 1.0), "n": (tmp_path / "n", 1.0)}) as watch:
         watch.look()
         folder = RunFolder.create(tmp_path / "m", CASE)
@@ -67,19 +68,16 @@ def test_watching_other_processes(
     assert "t = 0.25 s" in bar
     assert "waiting" in bar
     assert "failed" in bar
-    monkeypatch.setenv("CI", "true")
+    terminal.setenv("CI", "true")
     with Watch({"m": (tmp_path / "m", 1.0)}) as watch:
         watch.finished("m", "")
     assert capsys.readouterr().err == "m: completed (1 of 1)\n"
 
 
 def test_progress_over_all_cases(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], terminal: pytest.MonkeyPatch
 ) -> None:
     """Of many runs those under way and those that failed have a line, and one line counts all."""
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.delenv("CI", raising=False)
     keys = [f"case{number:02d}" for number in range(20)]
     with Watch({key: (tmp_path / key, 1.0) for key in keys}) as watch:
         RunFolder.create(tmp_path / keys[0], CASE).record({"time_s": 0.25})
@@ -89,7 +87,7 @@ def test_progress_over_all_cases(
     last = capsys.readouterr().err.rpartition("all cases")[2]
     assert "2 of 20, 1 failed" in last
     assert [key for key in keys if key in last] == [keys[0], keys[2]]
-    monkeypatch.setenv("CI", "true")
+    terminal.setenv("CI", "true")
     with Watch({key: (tmp_path / key, 1.0) for key in keys}) as watch:
         watch.finished(keys[1], "")
         watch.finished(keys[2], "no mesh")
