@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 LAUNCHERS = {"OMPI_COMM_WORLD_RANK": "OMPI_COMM_WORLD_SIZE", "PMI_RANK": "PMI_SIZE"}
 """Variables by which Open MPI, and MPICH and its kin, tell a process which it is, and how many there are."""
-THREADS = ("NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Variables from which NGSolve, NumPy and MKL take the number of threads as they are loaded: this module loads none."""
+THREADS = ("NGS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Variables from which NGSolve and MKL take the number of threads as they are loaded: this module loads neither."""
 END = "end"
 
 T = TypeVar("T")
