@@ -1,4 +1,4 @@
-"""Wall shear stress over time at material points of the moving wall: TAWSS, OSI, RRT.
+"""Wall shear stress over time at material points of the moving wall: TAWSS, its gradient, OSI, RRT.
 
 The stress is taken by its components along and around the vein on the wall (`WallSample.tangential`), so that a wall
 that turns does not look like a stress that turns.
@@ -7,9 +7,13 @@ that turns does not look like a stress that turns.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pyvista as pv
 
 Array = NDArray[np.float64]
 
@@ -51,3 +55,9 @@ class ShearHistory:
         with np.errstate(divide="ignore", invalid="ignore"):
             osi = np.where(size > 0, (1 - vector / size) / 2, 0.0)
             return cls(size, osi, np.where(vector > 0, 1 / vector, np.inf))
+
+
+def slope(surface: pv.UnstructuredGrid, name: str) -> Array:
+    """Return the size of the gradient of a point field along a surface, at its points (unit of the field per m)."""
+    gradient = surface.compute_derivative(scalars=name, gradient="slope").point_data["slope"]
+    return np.asarray(np.linalg.norm(gradient, axis=1))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.errors import OutputError
-from ngfsi.measure.shear_history import ShearHistory
+from ngfsi.measure.shear_history import ShearHistory, slope
 from ngfsi.output.disk import explained
 from ngfsi.output.folder import CASE, COSTS, MANIFEST, OUTLINES, SERIES, SHAPE, STABILITY
 from ngfsi.output.table import read_table
@@ -100,8 +100,9 @@ class StoredRun:
     def wall_history(self, start: float = 0.0, end: float = float("inf")) -> Any:
         """Return the wall's inner surface with averages over a time, as a pyvista mesh.
 
-        Point fields are `TAWSS_Pa`, `OSI_1` and `RRT_1_Pa` (see `ShearHistory`), at material points; the shape is that
-        at the last time.
+        Point fields are `TAWSS_Pa`, `OSI_1` and `RRT_1_Pa` (see `ShearHistory`), at material points, and
+        `TAWSSG_Pa_m`, how fast TAWSS changes along the wall (the spatial gradient of DePaola et al., Arterioscler
+        Thromb 12, 1992, of the average over time; Pa/m). The shape is that at the last time.
 
         Args:
             start, end: s, e.g. of the last period; the stored times between them count.
@@ -124,6 +125,7 @@ class StoredRun:
         wall.clear_data()
         for name, values in (("TAWSS_Pa", found.tawss), ("OSI_1", found.osi), ("RRT_1_Pa", found.rrt)):
             wall.point_data[name] = values
+        wall.point_data["TAWSSG_Pa_m"] = slope(wall, "TAWSS_Pa")
         return wall
 
     def _fields(self, which: Which) -> Any:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import pyvista as pv
 
-from ngfsi.measure.shear_history import ShearHistory
+from ngfsi.measure.shear_history import ShearHistory, slope
 
 TIMES = np.linspace(0.0, 2.0, 4001)
 PHASE = np.pi * TIMES
@@ -37,3 +38,14 @@ def test_uneven_times() -> None:
     """A stress that grows linearly has its middle as mean, however the times lie."""
     times = np.array([0.0, 0.1, 0.7, 1.0])
     assert ShearHistory.of(times, times[:, None, None] * np.ones(2)).tawss == pytest.approx(np.sqrt(2) / 2, rel=1e-12)
+
+
+def test_slope_along_a_wall() -> None:
+    """Of s = 3 z + R cos(angle) on a cylinder: 3 along it and sin(angle) around it, and nothing across the wall."""
+    tube = pv.Cylinder(radius=5e-3, height=20e-3, direction=(0, 0, 1), resolution=96, capping=False)
+    tube = tube.triangulate().subdivide(1).cast_to_unstructured_grid()
+    x, y, z = np.asarray(tube.points, dtype=float).T
+    tube["s_Pa"] = 3 * z + x
+    wanted = np.hypot(3, y / np.hypot(x, y))
+    # a polygon of 192 sides: the chord's direction is that of the tangent to 1e-3
+    np.testing.assert_allclose(slope(tube, "s_Pa"), wanted, rtol=2e-3)

@@ -76,6 +76,7 @@ def test_wall_history(stored: StoredRun) -> None:
     np.testing.assert_allclose(found["TAWSS_Pa"], (walls[0] + 2 * walls[1] + walls[2]) / 4, rtol=1e-6)
     assert np.abs(found["OSI_1"]).max() < 1e-7
     np.testing.assert_allclose(found["RRT_1_Pa"] * found["TAWSS_Pa"], 1.0, rtol=1e-6)
+    assert found["TAWSSG_Pa_m"].shape == found["TAWSS_Pa"].shape
     with pytest.raises(OutputError, match=r"1 states of the wall from 0.5 to 0.6 s"):
         stored.wall_history(0.5, 0.6)
 
