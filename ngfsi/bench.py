@@ -18,9 +18,10 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import ngsolve as ng
+import numpy as np
 from rich.table import Table
 
 from ngfsi.case import Case
@@ -30,7 +31,7 @@ from ngfsi.measure.deformation import Deformation
 from ngfsi.output.disk import explained
 from ngfsi.output.folder import RunFolder
 from ngfsi.output.provenance import commit, machine, versions
-from ngfsi.output.stored import open_run
+from ngfsi.output.stored import StoredRun, open_run
 from ngfsi.run import is_measurable
 from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import Say, initial_state, silent
@@ -38,9 +39,18 @@ from ngfsi.solve.newton import Newton
 from ngfsi.solve.system import System
 from ngfsi.solve.timeloop import TimeLoop
 from ngfsi.stopwatch import Stopwatch
+from ngfsi.units import from_si
+from ngfsi.world import threads
 
 PLAIN = "as it is"
 OUTSIDE = "start of Python, and what no phase knows"
+
+
+class Setup(NamedTuple):
+    """What is run: a case, and with how many threads; default: as many as the environment says."""
+
+    case: Case
+    threads: int | None = None
 
 
 @dataclass(frozen=True)
@@ -52,6 +62,8 @@ class Sample:
         memory: largest resident set of the process, in MB.
         phases: seconds by kind of work, which sum to `seconds`.
         whole_s: the seconds of all steps of the case, extrapolated if only the first were run.
+        results: what was computed: volume of the lumen at the end, mean of SAWSS over the steps; of runs in the plane
+            nothing.
     """
 
     seconds: float
@@ -62,6 +74,7 @@ class Sample:
     factorisations: int
     whole_s: float
     phases: Mapping[str, float]
+    results: Mapping[str, float]
 
 
 QUANTITIES = {
@@ -73,22 +86,23 @@ QUANTITIES = {
 }
 
 
-def take(case: Case, steps: int | None = None) -> Sample:
+def take(setup: Setup, steps: int | None = None) -> Sample:
     """Run a case, or its first steps, in a process of its own and return what it took.
 
     Raises:
         SolverError: the run failed; says why.
     """
-    planned = case.time.steps
+    case, planned = setup.case, setup.case.time.steps
     count = min(steps or planned, planned)
     with TemporaryDirectory(prefix="ngfsi-bench-") as folder:
-        file, results = Path(folder) / "case.toml", Path(folder) / "run"
+        file, target = Path(folder) / "case.toml", Path(folder) / "run"
         shorter = case.replace(**{"time.end": count * case.time.step, "output.fields_every": 0})
         file.write_text(shorter.to_toml(), encoding="utf-8")
-        whole = [sys.executable, "-m", "ngfsi.cli", "run", str(file), "--output", str(results), "--quiet"]
-        command = whole if is_measurable(shorter) else [sys.executable, "-m", "ngfsi.bench", str(file), str(results)]
+        whole = [sys.executable, "-m", "ngfsi.cli", "run", str(file), "--output", str(target), "--quiet"]
+        command = whole if is_measurable(shorter) else [sys.executable, "-m", "ngfsi.bench", str(file), str(target)]
         started = perf_counter()
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        environment = os.environ | (threads(setup.threads) if setup.threads else {})
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
         assert process.stderr is not None
         said = process.stderr.read()
         _, status, usage = os.wait4(process.pid, 0)
@@ -96,8 +110,9 @@ def take(case: Case, steps: int | None = None) -> Sample:
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
             raise SolverError(said.strip().removeprefix("ngfsi: "))
-        stored = open_run(results)
+        stored = open_run(target)
         manifest, costs = stored.manifest, stored.costs
+        results = _results(stored) if is_measurable(shorter) else {}
     phases = {str(name): float(value) for name, value in manifest["seconds"].items()}
     phases[OUTSIDE] = seconds - sum(phases.values())
     return Sample(
@@ -109,7 +124,13 @@ def take(case: Case, steps: int | None = None) -> Sample:
         factorisations=int(manifest["factorisations"]),
         whole_s=seconds + (planned - count) * (float(costs["wall_s"].sum()) / count + phases["measures"] / (count + 1)),
         phases=phases,
+        results=results,
     )
+
+
+def _results(run: StoredRun) -> dict[str, float]:
+    volume, sawss = run.series["lumen_volume_m3"][-1], np.mean(run.series["sawss_Pa"][1:])
+    return {"lumen, mm3": from_si(float(volume), "mm3"), "mean SAWSS, Pa": float(sawss)}
 
 
 @dataclass(frozen=True)
@@ -131,6 +152,11 @@ class Comparison:
         pairs = zip(self.samples[variant], self.samples[PLAIN], strict=True)
         return [getattr(one, quantity) / getattr(plain, quantity) for one, plain in pairs]
 
+    def results(self) -> dict[str, dict[str, float]]:
+        """Return what was computed, the same in every run of a variant, by quantity and variant."""
+        first = {name: samples[0].results for name, samples in self.samples.items()}
+        return {what: {name: found[what] for name, found in first.items()} for what in first[PLAIN]}
+
     def table(self) -> Table:
         """Return medians, and the ratios with their spread."""
         extrapolated = f"; seconds extrapolated from {self.steps} of {self.planned} steps"
@@ -141,10 +167,13 @@ class Comparison:
             ratios = [self.ratios(name, quantity) for name in self._variants()]
             shown = (f"{median(r):.3g} ({min(r):.3g} to {max(r):.3g})" for r in ratios)
             table.add_row(label, *(f"{v:.4g}" for v in values), *shown)
+        for what, values_of in self.results().items():
+            over = (f"{values_of[name] / values_of[PLAIN]:.5f}" for name in self._variants())
+            table.add_row(what, *(f"{value:.5g}" for value in values_of.values()), *over)
         for phase, seconds in self.phases().items():
-            table.add_row(
-                f"{phase}, s", *(f"{value:.3g}" for value in seconds.values()), *("" for _ in self._variants())
-            )
+            plain = seconds[PLAIN]
+            over = (f"{seconds[name] / plain:.2g}" if plain else "" for name in self._variants())
+            table.add_row(f"{phase}, s", *(f"{value:.3g}" for value in seconds.values()), *over)
         return table
 
     def phases(self) -> dict[str, dict[str, float]]:
@@ -175,7 +204,7 @@ class Comparison:
 
 
 def compare(
-    name: str, case: Case, variants: Mapping[str, Case], pairs: int, steps: int | None = None,
+    name: str, case: Case, variants: Mapping[str, Setup], pairs: int, steps: int | None = None,
     say: Say = silent, folder: Path | None = None,
 ) -> Comparison:  # fmt: skip
     """Run a case and its variants by turns, every other round backwards, so that a steady drift does not count.
@@ -189,9 +218,9 @@ def compare(
     Raises:
         SolverError: a run failed; says which.
     """
-    everything = {PLAIN: case, **variants}
+    everything = {PLAIN: Setup(case), **variants}
     for one in everything.values():
-        Domain.build(one.geometry)  # all find their mesh in the cache
+        Domain.build(one.case.geometry)  # all find their mesh in the cache
     rounds: list[dict[str, Sample]] = []
     for number in range(pairs):
         found: dict[str, Sample] = {}

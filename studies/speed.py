@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from geometry.segment import MeshSettings
 from geometry.tube import TubeSegment
+from ngfsi.bench import Setup
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Output, TimeStepping
 from ngfsi.curves import PressureRamp
 from ngfsi.units import MMHG
@@ -66,13 +67,14 @@ def _on_tetrahedra(plain: Case) -> Case:
     return plain.replace(**{"geometry.mesh.element": "tetrahedron"}) if has_kinds else plain
 
 
-VARIANTS: dict[str, Callable[[Case], Case]] = {
-    "textbook": _textbook,
-    "newton": lambda plain: plain.replace(**{"solver.linearise": "always"}),
-    "single": lambda plain: plain.replace(**{"solver.linear": "pardiso_single"}),
-    "p_multigrid": lambda plain: plain.replace(**{"solver.linear": "p_multigrid"}),
-    "umfpack": lambda plain: plain.replace(**{"solver.linear": "umfpack"}),
-    "tetrahedra": _on_tetrahedra,
+VARIANTS: dict[str, Callable[[Case], Setup]] = {
+    "textbook": lambda plain: Setup(_textbook(plain)),
+    "newton": lambda plain: Setup(plain.replace(**{"solver.linearise": "always"})),
+    "single": lambda plain: Setup(plain.replace(**{"solver.linear": "pardiso_single"})),
+    "p_multigrid": lambda plain: Setup(plain.replace(**{"solver.linear": "p_multigrid"})),
+    "umfpack": lambda plain: Setup(plain.replace(**{"solver.linear": "umfpack"})),
+    "tetrahedra": lambda plain: Setup(_on_tetrahedra(plain)),
+    "one-thread": lambda plain: Setup(plain, threads=1),
 }
 """textbook: Newton's method with a fresh factorisation by UMFPACK in every iteration, on tetrahedra; newton: that with
-the linear solver and the mesh as they are; single: factors of single precision."""
+the linear solver and the mesh as they are; single: factors of single precision; one-thread: what threads gain."""

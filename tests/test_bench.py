@@ -21,7 +21,7 @@ RECORDED = {"unknowns": 3096, "factorisations": 3, "iterations": 29}
 
 def test_counts_do_not_get_worse() -> None:
     """A change that makes these smaller should make them smaller here too."""
-    found = bench.take(CASES["tiny"])
+    found = bench.take(bench.Setup(CASES["tiny"]))
     counts = {name: getattr(found, name) for name in RECORDED}
     assert all(counts[name] <= RECORDED[name] for name in RECORDED), counts
     assert found.steps == 5
@@ -39,7 +39,7 @@ def test_work_inside_of_other_work_counts_once() -> None:
     assert dict(watch.seconds) == {"steps": 3.0, "solves": 13.0}
 
 
-SAMPLE = bench.Sample(10.0, 100.0, 1000, 5, 20, 2, 10.0, {"assembly": 6.0, bench.OUTSIDE: 4.0})
+SAMPLE = bench.Sample(10.0, 100.0, 1000, 5, 20, 2, 10.0, {"assembly": 6.0, bench.OUTSIDE: 4.0}, {"lumen": 8.0})
 
 
 def test_pairs_are_taken_by_turns(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -47,9 +47,9 @@ def test_pairs_are_taken_by_turns(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     order: list[str] = []
     meshed: list[Any] = []
 
-    def take(case: Case, _steps: int | None) -> Any:
-        order.append(case.solver.linearise)
-        mood, slower = 1.5 ** len(order), 3.0 if case.solver.linearise == "always" else 1.0
+    def take(setup: bench.Setup, _steps: int | None) -> Any:
+        order.append(linearise := setup.case.solver.linearise)
+        mood, slower = 1.5 ** len(order), 3.0 if linearise == "always" else 1.0
         return replace(SAMPLE, seconds=10 * mood * slower, whole_s=10 * mood * slower)
 
     monkeypatch.setattr(bench, "take", take)
@@ -59,6 +59,7 @@ def test_pairs_are_taken_by_turns(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     assert order == ["when slow", "always", "always", "when slow"] * 2
     assert len(meshed) == 2
     assert found.ratios("newton", "whole_s") == pytest.approx([4.5, 2.0, 4.5, 2.0])
+    assert found.results() == {"lumen": {bench.PLAIN: 8.0, "newton": 8.0}}
     assert found.phases()["assembly"] == {bench.PLAIN: 6.0, "newton": 6.0}
     stored = json.loads(found.write(tmp_path).read_text(encoding="utf-8"))
     assert len(stored["samples"]["newton"]) == 4
@@ -72,8 +73,9 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
     class Process:
         pid, stderr = 1, type("Pipe", (), {"read": staticmethod(lambda: "")})()
 
-        def __init__(self, command: list[str], **_: Any) -> None:
+        def __init__(self, command: list[str], env: dict[str, str], **_: Any) -> None:
             ran.append(Case.from_toml(command[4]))
+            assert env["NGS_NUM_THREADS"] == env["MKL_NUM_THREADS"] == "7"
 
     ran: list[Case] = []
     usage = type("Usage", (), {"ru_maxrss": 2048.0})()
@@ -82,23 +84,26 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
         "manifest": {"seconds": {"assembly": 5.0, "measures": 2.0}, "unknowns": 9, "factorisations": 1},
         "costs": {name: np.full(3, value) for name, value in
                   (("step", 1.0), ("iterations", 4.0), ("wall_s", 2.0))},
+        "series": {"lumen_volume_m3": np.array([9e-6, 8e-6]), "sawss_Pa": np.array([9.0, 0.1, 0.3])},
     })()  # fmt: skip
     monkeypatch.setattr(bench.subprocess, "Popen", Process)
     monkeypatch.setattr(bench.os, "wait4", lambda *_: (1, 0, usage))
     monkeypatch.setattr(bench, "perf_counter", lambda: next(clock))
     monkeypatch.setattr(bench, "open_run", lambda _: stored)
-    found = bench.take(CASES["tiny"], steps=3)
+    found = bench.take(bench.Setup(CASES["tiny"], threads=7), steps=3)
     assert ran[0].time.end == pytest.approx(0.03)
     assert (found.seconds, found.whole_s, found.iterations, found.memory) == (10.0, 15.0, 12, 2.0)
     assert found.phases == {"assembly": 5.0, "measures": 2.0, bench.OUTSIDE: 3.0}
+    # at the end, and the mean of the steps, of which the state at t = 0 is none
+    assert found.results == pytest.approx({"lumen, mm3": 8000.0, "mean SAWSS, Pa": 0.2}, rel=1e-12)
 
 
 def test_a_run_that_fails_is_named_and_the_rounds_before_it_are_kept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     tiny, take, answers = CASES["tiny"], bench.take, iter([SAMPLE, SAMPLE])
-    monkeypatch.setattr(bench, "take", lambda case, steps: next(answers, None) or take(case, steps))
-    hopeless = tiny.replace(**{"solver.max_iterations": 1})
+    monkeypatch.setattr(bench, "take", lambda setup, steps: next(answers, None) or take(setup, steps))
+    hopeless = bench.Setup(tiny.replace(**{"solver.max_iterations": 1}))
     with pytest.raises(bench.SolverError, match=r"^tiny, hopeless, run 2 of 5: .*did not converge"):
         bench.compare("tiny", tiny, {"hopeless": hopeless}, pairs=5, folder=tmp_path)
     assert len(json.loads((tmp_path / "tiny.json").read_text(encoding="utf-8"))["samples"]["hopeless"]) == 1
