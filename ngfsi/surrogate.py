@@ -20,6 +20,7 @@ from ngfsi.errors import CaseError
 
 Array = NDArray[np.float64]
 Place = Callable[[Array], Array]
+Allowed = Callable[[Array], NDArray[np.bool_]]
 
 RESTARTS = 4
 """Starts of the search for the kernel's lengths, beside the first."""
@@ -96,15 +97,22 @@ class Surrogate:
         variance = 1 / np.diag(inverse)
         return self.values - scale * variance * (inverse @ process.y_train_), scale * np.sqrt(variance)
 
-    def best(self, number: int, apart: float, seed: int = 0) -> Array:
+    def best(self, number: int, apart: float, seed: int = 0, allowed: Allowed | None = None) -> Array:
         """Return points (number, factors) of the largest mean, best first, each with its place at least `apart` from
-        those before."""
+        those before.
+
+        Args:
+            allowed: says of points (candidates, factors) which may be chosen; default: all.
+        """
         low, high = self.ranges.T
         chosen: list[Array] = []
 
         def cost(unit: Array) -> Array:  # (factors, candidates), as differential_evolution passes them
-            places = self.place(low + unit.T * (high - low))
+            points = low + unit.T * (high - low)
+            places = self.place(points)
             costs = -np.asarray(self.process.predict(places), dtype=float)
+            if allowed is not None:
+                costs[~allowed(points)] = np.inf
             for point in chosen:
                 costs[np.linalg.norm(places - self.place(point[None]), axis=1) < apart] = np.inf
             return costs

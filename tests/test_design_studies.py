@@ -175,7 +175,10 @@ def test_the_last_cycle_counts_and_its_worst_section() -> None:
 
 
 def test_the_best_of_a_known_response_is_found_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Best where the distal pressure is lowest, half of the pressure in cycles with a lag of 0.15, all around."""
+    """Best where the distal pressure is lowest, half of the pressure in cycles with a lag of 0.15, all around.
+
+    The pulse costs area, of which it may take 40 %: so it is 0.4, and not 0.5.
+    """
 
     def response(gradient: float, one_side: float, side_deg: float, pulse: float, lag: float) -> float:  # noqa: ARG001
         here = pulse * np.exp(2j * np.pi * lag)
@@ -187,7 +190,8 @@ def test_the_best_of_a_known_response_is_found_and_reported(tmp_path: Path, monk
         return run
 
     def computed(study: Study, folder: Path, quiet: bool) -> Results:  # noqa: ARG001
-        values = {key: {name: 0.0 for name in study.columns} | {stocking_design.RESULT: response(**point)}
+        values = {key: {name: 0.0 for name in study.columns}
+                       | {stocking_design.RESULT: response(**point), stocking_design.LOSS: point["pulse"]}
                   for key, point in study.inputs.items()}  # fmt: skip
         outcomes = {key: Outcome(run_of(point)) for key, point in study.inputs.items()}
         return Results(outcomes, values, folder / f"{study.name}.md")
@@ -198,7 +202,7 @@ def test_the_best_of_a_known_response_is_found_and_reported(tmp_path: Path, monk
     best = {name: float(rows["best 1"][name]) for name in ("gradient", "one_side", "pulse", "lag")}
     assert best["gradient"] == pytest.approx(-0.3, abs=0.01)
     assert best["one_side"] == pytest.approx(0, abs=0.1)
-    assert best["pulse"] == pytest.approx(0.5, abs=0.05)
+    assert 0.35 < best["pulse"] < 0.4  # with two standard deviations to spare
     assert best["lag"] == pytest.approx(0.15, abs=0.02)
     assert float(rows["best 1"][stocking_design.RESULT]) == pytest.approx(0.106, rel=0.01)
     assert "**best 1**" in text

@@ -31,6 +31,15 @@ def test_the_optima_of_a_known_response_are_found() -> None:
     assert np.all(abs(mean - two_hills(best)) < 3 * deviation + 1e-3)
 
 
+def test_the_best_of_what_is_allowed() -> None:
+    """Without the higher hill the lower one is the best, and then the edge of what is allowed on its side of it."""
+    design = sobol(RANGES, 64, seed=2)
+    surrogate = Surrogate.through(design, list(two_hills(design.points)), lambda points: points[:, :2] / [10, 2])
+    best = surrogate.best(2, apart=0.5, allowed=lambda points: points[:, 0] < 5)
+    np.testing.assert_allclose(best[:, 0], [2.5, 5.0], atol=0.2)
+    assert best[0, 1] == pytest.approx(-0.4, abs=0.06)
+
+
 def test_an_optimum_on_the_edge_of_the_ranges() -> None:
     design = sobol(RANGES, 32, seed=2)
     plane = 2 * design.points[:, 0] / 10 - design.points[:, 1]
