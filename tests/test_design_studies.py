@@ -206,7 +206,7 @@ def test_the_best_of_a_known_response_is_found_and_reported(tmp_path: Path, monk
     assert best["lag"] == pytest.approx(0.15, abs=0.02)
     assert float(rows["best 1"][stocking_design.RESULT]) == pytest.approx(0.106, rel=0.01)
     assert "**best 1**" in text
-    assert "+21 % against 0.0875 Pa of a uniform pressure" in text  # 0.106 / (0.1 - 0.05 / 4)
+    assert "+20 % against 0.0875 Pa of a uniform pressure" in text  # (0.106 - 0.05 * 0.14**2) / (0.1 - 0.05 / 4)
     assert {path.name for path in tmp_path.glob("*.png")} == {
         "along.png", "outflow.png", "profiles.png", "ranking.png", "surrogate.png"
     }  # fmt: skip
