@@ -84,7 +84,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: 
     one, after = subject(1), SKIN.offset(-2e-3)
     parts = {"tibia": one.tibia, "fibula": one.fibula, "lumen": one.veins[0].lumen}
     for name, skin in {"before": SKIN, "after": after}.items():
-        both = phantom_stack([{"skin": skin, **parts}] * 2, SKIN, 2e-3)
+        both = phantom_stack([{"skin": SKIN, **parts}, {"skin": skin, **parts}], SKIN, 2e-3)
         sitk.WriteImage(both[kind == "grey"], tmp_path / f"{name}.nii.gz")
     files = [str(tmp_path / f"{name}.nii.gz") for name in ("before", "after")]
     with pytest.raises(SystemExit) as ended:
@@ -98,6 +98,11 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: 
     assert np.linalg.norm(moved(probe), axis=1).mean() == pytest.approx(2e-3, rel=0.15)
     gap = np.linalg.norm(after.at(after.nearest(probe + moved(probe))) - probe - moved(probe), axis=1)
     assert np.sqrt(np.mean(gap**2)) < 0.4e-3
+    with pytest.raises(SystemExit):  # the other slice is that before
+        cli.main(["register", *files, "--slice", "1", "--moving-slice", "0", "-o", str(tmp_path / "still.csv")])
+    still = Conditions.from_dict({"skin_displacement": {"file": str(tmp_path / "still.csv")}}).skin_displacement
+    assert still is not None
+    assert np.linalg.norm(still(probe), axis=1).max() < 0.1e-3
     with pytest.raises(SystemExit) as ended:
         cli.main(["register", *files, "--slice", "2"])
     assert ended.value.code == 2

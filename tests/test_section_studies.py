@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ngfsi.domain import Domain
+from ngfsi.errors import SolverError
 from ngfsi.outline import Outline
 from ngfsi.statics import load_path, softest_mode
 from studies import calibration, plane_sections, rigid_veins
@@ -78,6 +79,33 @@ def test_softest_motion_scales_with_the_modulus_and_lies_at_the_vein() -> None:
     for one, other in zip(*modes, strict=True):
         assert one.stiffness == pytest.approx(other.stiffness, rel=1e-6)
     assert 0 < modes[0][1].stiffness < 0.6 * modes[0][0].stiffness
+    lumen = geometry.veins[0].lumen
+    # tissue that swells out of a plane without strain is softest beside the vein
+    assert np.linalg.norm(np.subtract(modes[0][1].place, lumen.centroid)) < 2 * np.sqrt(lumen.area / np.pi)
+
+
+def test_pressure_that_closes_a_vein(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Losses in proportion to the pressure are interpolated exactly; without an equilibrium the last one is told."""
+    geometry = calibration.section(1, calibration.Level(2, 1.6))
+    case = calibration.section_case(geometry, calibration.materials(28.45e3), skin=100.0)
+
+    def model(pressure: float) -> float:
+        if pressure > 2e3:
+            raise SolverError("no equilibrium")
+        return pressure
+
+    monkeypatch.setattr(calibration, "vein_loss", lambda _: lambda pressure: 5e-4 * pressure)
+    monkeypatch.setattr(calibration, "area_loss", lambda *_: lambda pressure: 1e-4 * pressure)
+    monkeypatch.setattr(model, "case", case, raising=False)
+    nothing = np.zeros((0, 2))
+    truth = calibration.Truth(model, 100.0, nothing, nothing, vein=0.05, calf=0.01)  # type: ignore[arg-type]
+    found = calibration.closing(truth, 0.7)
+    assert (found.pressure, found.vein, found.calf) == pytest.approx((1400.0, 0.7, 0.14), rel=1e-12)
+    assert found.reached
+    last = calibration.closing(truth, 0.999999)
+    assert not last.reached
+    assert 1000 < last.pressure < 2000
+    assert last.vein == pytest.approx(5e-4 * last.pressure, rel=1e-12)
 
 
 def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,6 +84,17 @@ def test_compartments_come_back() -> None:
     assert sum(map(found.volume, found.regions)) == pytest.approx(sum(map(true.volume, true.regions)), rel=5e-3)
 
 
+def test_compartments_that_touch() -> None:
+    """Two rectangles side by side lose a pixel each along their border; into a bone the outline reaches 3 pixels."""
+    numbers = np.full((1, 40, 60), LABELS["skin"])
+    numbers[0, 10:30, 10:30], numbers[0, 10:30, 30:50] = LABELS["anterior"], LABELS["lateral"]
+    numbers[0, 10:30, 0:10] = LABELS["tibia"]
+    image = LabelMap(numbers, (0.0, 0.0, 0.0), (PIXEL, PIXEL, SLICE), LABELS)
+    anterior, lateral = (np.flatnonzero(image._mask(name, 0)[20]) for name in ("anterior", "lateral"))
+    assert (anterior[0], anterior[-1]) == (7, 28)
+    assert (lateral[0], lateral[-1]) == (31, 49)
+
+
 @pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha"])
 def test_vein_to_phantom_to_vein(tmp_path: Path, suffix: str) -> None:
     """Areas of single slices within their voxel error, and their mean within that of the mean: no bias."""
