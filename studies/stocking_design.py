@@ -435,7 +435,7 @@ def _text(level: str, found: Found, results: Results) -> str:
             f"(Q² = {q2:.3f}), {inside:.0%} of them within two standard deviations. The best {BEST} are its largest "
             f"values among profiles that differ by {APART:g} in gradient, side or cycle, and under which no section "
             f"loses more than {LARGEST_LOSS:.0%} of its area at any time, as a second surrogate says with two standard "
-            "deviations to spare. The largest values of all lie beyond: there the vein flattens until the law of its wall "
+            "deviations to spare. The largest values of all lie beyond: there the vein flattens until its wall's law "
             "loses its stability, and they could not be confirmed on a finer mesh.\n",
             "![surrogate over computed](surrogate.png)\n",
             "## Errors\n",
