@@ -120,18 +120,24 @@ def study(
     name: Annotated[str, typer.Argument(help="Name of the study, e.g. compare_tissues.")],
     level: Annotated[Level, typer.Option(help="How finely to compute: minutes, an hour, a day.")] = Level.demo,
     output: Output = None,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute again what failed.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Compute the cases of a study and report.
 
     The results go to runs/<study>-<level>.
 
-    Runs that are finished are reused, so that an interrupted study goes on where it was.
+    Runs that are finished, or failed, are reused, so that an interrupted study goes on where it was.
 
     Example: ngfsi study compare_tissues --level paper
     """
     compute = find_study(name)
     folder = output or Path("runs") / f"{name}-{level.value}"
+    if retry_failed:
+        from ngfsi.study import forget_failed
+
+        for path in forget_failed(folder):
+            _say(f"'{path}' failed and is computed again")
     with _interruptible(folder):
         report = compute(level.value, folder, quiet)
     typer.echo(f"The report is in '{report}'")

@@ -25,7 +25,7 @@ from ngfsi.case import Case
 from ngfsi.design import Design
 from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError
 from ngfsi.output.disk import explained, replace_file
-from ngfsi.output.folder import CASE, CHECKPOINTS, STOP
+from ngfsi.output.folder import CASE, CHECKPOINTS, MANIFEST, STOP
 from ngfsi.output.progress import Watch
 from ngfsi.output.stored import StoredRun, open_run
 from ngfsi.output.table import write_parquet, write_rows
@@ -56,12 +56,13 @@ class Outcome:
 
 def run_cases(
     cases: Mapping[str, Case], folder: Path, *, processes: int = 2, quiet: bool = False,
-    executor: Executor | None = None, retry: bool = True,
+    executor: Executor | None = None,
 ) -> dict[str, Outcome]:  # fmt: skip
     """Run cases, each in the subfolder of its key, and return what became of each, in their order.
 
-    A finished run of an equal case by the same version is reused; an unfinished one of an equal case goes on from its
-    last checkpoint; the run of another case is moved aside. Ctrl-C ends all runs and keeps what they stored.
+    A finished run of an equal case by the same version is reused, and so is one that failed (see `forget_failed`); an
+    unfinished one of an equal case goes on from its last checkpoint; the run of another case is moved aside. Ctrl-C
+    ends all runs and keeps what they stored.
 
     Args:
         cases: key, which names the subfolder -> case.
@@ -69,14 +70,13 @@ def run_cases(
         processes: how many runs to compute at a time; the processors are shared out among them.
         quiet: show no progress.
         executor: starts the runs, with one thread each; default: here, `processes` at a time.
-        retry: whether a run that failed before is computed again.
 
     Raises:
         OutputError: the folder cannot be written.
     """
     with explained(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
-    outcomes = {key: outcome for key, case in cases.items() if (outcome := _reusable(folder / key, case, retry))}
+    outcomes = {key: outcome for key, case in cases.items() if (outcome := _reusable(folder / key, case))}
     missing = {key: case for key, case in cases.items() if key not in outcomes}
     side_by_side = max(1, min(processes, len(missing), os.cpu_count() or 1))
     for key, case in missing.items():
@@ -163,11 +163,11 @@ def run_study(
     """
     if not study.cases:
         raise CaseError(f"the study '{study.name}' has no cases: there is nothing to run")
+    if retry_failed:
+        forget_failed(folder)
     digests = {key: case.digest[:HASH] for key, case in study.cases.items()}
     distinct = {digests[key]: case for key, case in study.cases.items()}
-    found = run_cases(
-        distinct, folder / "runs", processes=os.cpu_count() or 1, quiet=quiet, executor=executor, retry=retry_failed
-    )
+    found = run_cases(distinct, folder / "runs", processes=os.cpu_count() or 1, quiet=quiet, executor=executor)
     outcomes = {key: found[digest] for key, digest in digests.items()}
     table = {
         key: {name: float(number(outcome.run)) for name, number in study.columns.items()}
@@ -205,7 +205,11 @@ def _report(
     failures = [
         f"- {key} (runs/{digests[key]}): {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure
     ]
-    page += ["", f"{len(failures)} failed, and are computed again on request:", "", *failures] if failures else []
+    page += (
+        ["", f"{len(failures)} failed, and are computed again on request (`--retry-failed`):", "", *failures]
+        if failures
+        else []
+    )
     target = folder / f"{study.name}.md"
     replace_file(target, ("\n".join(page) + "\n").encode())
     return target
@@ -231,16 +235,30 @@ def _line(cells: Iterable[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def _reusable(folder: Path, case: Case, retry: bool) -> Outcome | None:
-    """Return the finished run of an equal case in the folder, if there is one; a failed one if it is not retried."""
+def _reusable(folder: Path, case: Case) -> Outcome | None:
+    """Return the run of an equal case in the folder that is over, completed or failed, if there is one."""
     try:
         run = open_run(folder)
         same = run.case.digest == case.digest and run.manifest.get("versions", {}).get("ngfsi") == ngfsi.__version__
     except NgfsiError:
         return None
-    if same and run.status == "failed" and not retry:
+    if same and run.status == "failed":
         return Outcome(run, failure=str(run.manifest.get("reason", "")), reused=True)
     return Outcome(run, reused=True) if same and run.status == "completed" else None
+
+
+def forget_failed(folder: Path) -> list[Path]:
+    """Remove the runs that failed from a study's folder, so that they are computed again, and return which.
+
+    Raises:
+        OutputError: a folder cannot be removed.
+    """
+    found = [path.parent for depth in ("*", "runs/*") for path in sorted(folder.glob(f"{depth}/{MANIFEST}"))]
+    failed = [path for path in found if open_run(path).status == "failed"]
+    for path in failed:
+        with explained(path, "removed"):
+            shutil.rmtree(path)
+    return failed
 
 
 def _clear(folder: Path, case: Case) -> None:

@@ -18,7 +18,7 @@ import pyarrow.parquet
 import pytest
 
 from geometry.segment import MeshSettings
-from ngfsi import study
+from ngfsi import cli, study
 from ngfsi.case import Case
 from ngfsi.errors import CaseError, NgfsiError, StoppedError
 from ngfsi.output import RunFolder, open_run
@@ -120,7 +120,7 @@ def test_a_study_runs_each_content_once_and_lists_failures(tmp_path: Path, compu
     ]  # fmt: skip
     page = again.report.read_text(encoding="utf-8")
     assert "# some: 1 of 2 cases" in page
-    assert "1 failed, and are computed again on request:" in page
+    assert "1 failed, and are computed again on request (`--retry-failed`):" in page
     assert f"- bad (runs/{bad.digest[:16]}): the step at 1.5 s did not converge" in page
     assert "2 runs took 13 s, 6 s the longest; 2 were there." in page
     assert "![results](some.png)" in page
@@ -128,6 +128,26 @@ def test_a_study_runs_each_content_once_and_lists_failures(tmp_path: Path, compu
     assert pyarrow.parquet.read_table(tmp_path / "some.parquet").to_pydict()["last_s"] == [1.5, None]
     run_study(study_of(bad=bad), tmp_path, retry_failed=True, quiet=True)
     assert computed[2:] == [bad.digest[:16]]
+
+
+def test_the_command_retries_what_failed_on_request(
+    tmp_path: Path, computed: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a study of named runs, and of one with runs by their hash, which lie one folder deeper."""
+    cases = {"m": CASE, "bad": CASE.replace(name="bad")}
+
+    def both(_level: str, folder: Path, quiet: bool) -> Path:
+        run_cases(cases, folder, quiet=quiet)
+        return run_study(study_of(bad=cases["bad"]), folder, quiet=quiet).report
+
+    monkeypatch.setattr(cli, "find_study", lambda _: both)
+    for more, wanted in (([], 3), ([], 3), (["--retry-failed"], 5)):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["study", "some", "--output", str(tmp_path), "--quiet", *more])
+        assert ended.value.code == 0
+        assert len(computed) == wanted
+    assert computed[3:] == ["bad", cases["bad"].digest[:16]]
+    assert capsys.readouterr().err.count("failed and is computed again") == 2
 
 
 def test_a_study_without_cases_is_refused(tmp_path: Path) -> None:
