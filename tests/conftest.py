@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-import sys
+from pathlib import Path
 
 from ngfsi.world import threads
 
 # before NumPy and NGSolve are loaded: with one thread alone runs are the same to the last bit; children inherit it
 os.environ.update(threads(1))
-# child processes find the same modules, wherever they are started
-os.environ["PYTHONPATH"] = os.pathsep.join(entry for entry in sys.path if entry)
+# child processes find the project's modules wherever they are started, and no packages of this Python: that with mpi4py
+# has its own
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH"))))
 
 import pytest
 

@@ -88,10 +88,12 @@ def interpreter() -> str:
     """Return a Python that can run on several ranks here."""
     if shutil.which("mpirun") is None:
         pytest.skip("no mpirun here: see 'Several processes' in the README")
-    for python in (ROOT / ".venv-mpi" / "bin" / "python", Path(sys.executable)):
-        needs = "import petsc4py.PETSc, mpi4py.MPI, ngsolve"
+    made = ROOT / ".venv-mpi" / "bin" / "python"
+    needs = "import petsc4py.PETSc, mpi4py.MPI, ngsolve"
+    for python in (made, Path(sys.executable)):
         if python.exists() and subprocess.run([python, "-c", needs], capture_output=True, check=False).returncode == 0:
             return str(python)
+    assert not made.exists(), f"{made} was made for these tests and does not work"
     pytest.skip("no Python with petsc4py and mpi4py here: run `make mpi`")
 
 
