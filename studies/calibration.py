@@ -6,7 +6,6 @@ makes the compressed section, of which only outlines, a few landmarks and the ve
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,12 +41,11 @@ from ngfsi.registration import register_outlines
 from ngfsi.statics import section_case
 from ngfsi.study import markdown_table
 from ngfsi.units import from_si
+from studies.source import tables
 
 Array = NDArray[np.float64]
 
-PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_bytes().decode())[
-    "calibration"
-]
+PRINTED = tables("calibration")
 
 BULK = "materials.tissue.K"
 FIRST_GUESS = 50e3

@@ -7,7 +7,6 @@ at finite strain.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -31,10 +30,9 @@ from ngfsi.output.table import write_rows
 from ngfsi.statics import SoftestMode, equilibrium, load_path, section_case, softest_mode
 from ngfsi.study import markdown_table, workers
 from ngfsi.units import from_si, to_si
+from studies.source import tables
 
-PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_bytes().decode())[
-    "plane_sections"
-]
+PRINTED = tables("plane_sections")
 
 MODELS = {
     "A": "plane stress everywhere",

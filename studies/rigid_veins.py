@@ -6,7 +6,6 @@ mean flows, and after compression one of three shapes of the same areas.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -33,12 +32,11 @@ from ngfsi.rigid import SAME, Cycle, pulsatile, rigid_case, steady
 from ngfsi.study import markdown_table, workers
 from ngfsi.units import to_si
 from ngfsi.waveform import ensemble
+from studies.source import tables
 
 Array = NDArray[np.float64]
 
-PRINTED: dict[str, Any] = tomllib.loads((Path(__file__).parent / "source_tables.toml").read_bytes().decode())[
-    "rigid_veins"
-]
+PRINTED = tables("rigid_veins")
 LENGTH = to_si(PRINTED["segment_length_mm"], "mm")
 SECTIONS, WINDOWS = 11, 10
 SHAPES = {"round": (1.0, 1.0), "oval": (2.0, 1.0), "collapsed": (3.0, 0.6)}
