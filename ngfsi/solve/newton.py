@@ -36,7 +36,7 @@ DEPTH = 20
 SAME_EQUATIONS = 1e-6
 """Relative difference of the parameters of steps that are as long but for rounding."""
 DEPENDENT = 1e-12
-"""Differences that depend on each other up to this share add nothing."""
+"""Differences that depend on each other up to the root of this share add nothing."""
 FACTORED_KEPT = 2
 
 
@@ -95,9 +95,24 @@ class Mixing:
         self._last = x, g
         if not self._dx:
             return x + g
-        dx, dg = np.array(self._dx), np.array(self._dg)
-        weights = np.linalg.lstsq((dg / scale).T, g / scale, rcond=DEPENDENT)[0]
-        return np.asarray(x + g - weights @ (dx + dg))
+        dg = np.array(self._dg)
+        weights = _least_squares(dg / scale, g / scale)
+        return np.asarray(x + g - weights @ np.array(self._dx) - weights @ dg)
+
+
+def _least_squares(rows: Vector, wanted: Vector) -> Vector:
+    """Return the weights of the rows, few and long, whose sum comes closest to a vector.
+
+    By normal equations of the rows at unit length, in a third of the time of an orthogonal factorisation; a correction
+    for what is left makes up for their rounding.
+    """
+    products = rows @ rows.T
+    lengths = np.sqrt(np.diag(products))
+    inverse = np.linalg.pinv(products / np.outer(lengths, lengths), rcond=DEPENDENT, hermitian=True)
+    weights = np.zeros(len(rows))
+    for _ in range(2):
+        weights += inverse @ (rows @ (wanted - weights @ rows) / lengths) / lengths
+    return weights
 
 
 class Newton:
