@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from geometry.extrusion import extrude, layer_heights
-from geometry.plane import Circle, even_angles, fill_vein, triangulate
+from geometry.plane import Circle, SectionMesh, even_angles, fill_vein, triangulate
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.section import Section
 from ngfsi.units import Angle, Length
@@ -39,10 +39,10 @@ class MeshSettings(Section):
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
 
-    element: Literal["prism", "mixed", "tetrahedron"] = Field(
+    element: Literal["prism", "mixed", "tetrahedron", "csg"] = Field(
         "prism",
         description="prisms; prisms with hexahedra in the layers of wall and lumen, which may then be of any "
-        "thickness (mixed); or tetrahedra, three to a prism",
+        "thickness (mixed); tetrahedra, three to a prism; or Netgen's own of default sizes, to compare with (csg)",
     )
     far_size: Length = Field(18e-3, gt=0, description="element size in the tissue far from the vein")
     vein_size: Length = Field(2.5e-3, gt=0, description="element length around the lumen, less where layers are thin")
@@ -206,14 +206,29 @@ class VeinSegment(Section):
 
     def netgen_mesh(self, attempt: int = 0) -> Any:
         """Return the straight Netgen mesh [m] with its geometry and names; attempt: index in `mesh_attempts`."""
-        far, near = self.mesh.far_size * SIZE_FACTORS[attempt], self.mesh.vein_size * SIZE_FACTORS[attempt]
+        if self.mesh.element == "csg":
+            return self._mesh_of_solids()
+        heights = layer_heights(self.length, self.mesh.axial_layers, self.mesh.end_refinement)
+        section = self._section(SIZE_FACTORS[attempt])
+        return extrude(section, heights, END_NAMES, split=self.mesh.element == "tetrahedron")
+
+    def _section(self, factor: float) -> SectionMesh:
+        """Return the mesh of the cross-section, its element sizes multiplied by a factor."""
+        far, near = self.mesh.far_size * factor, self.mesh.vein_size * factor
         layers = self._vein_layers()
         loops = [(circle, even_angles(self._segments(circle, near, far))) for circle in (*self.bones, self.skin)]
         around = even_angles(self._vein_segments(near, [self.wall_outer, *(circle for circle, _ in layers)]))
         tissue = triangulate("tissue", [(self.wall_outer, around), *loops], far)
-        section = fill_vein(tissue, layers, self.fluid, split=self.mesh.element != "mixed")
-        heights = layer_heights(self.length, self.mesh.axial_layers, self.mesh.end_refinement)
-        return extrude(section, heights, END_NAMES, split=self.mesh.element == "tetrahedron")
+        return fill_vein(tissue, layers, self.fluid, split=self.mesh.element != "mixed")
+
+    def _mesh_of_solids(self) -> Any:
+        from geometry.csg import mesh_of_solids  # with Netgen's CSG, which nothing else needs
+
+        lumen, tissue = self._around_vein("interface", self.lumen_radius), "tissue" in self.solids
+        regions = {self.fluid: (lumen, ()), "wall": (self.wall_outer if tissue else self.skin, (lumen,))}
+        if tissue:
+            regions["tissue"] = (self.skin, (self.wall_outer, *self.bones))
+        return mesh_of_solids(regions, END_NAMES, self.length)
 
     def _around_vein(self, name: str, radius: float) -> Circle:
         return Circle(name, self.vein_x, self.vein_y, radius)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from geometry.extrusion import extrude, layer_heights
 from geometry.plane import Ring, SectionMesh, even_angles, fill_vein
-from geometry.segment import END_NAMES, SIZE_FACTORS, MeshSettings, VeinSegment
+from geometry.segment import END_NAMES, MeshSettings, VeinSegment
 from ngfsi.units import Length
 
 
@@ -46,16 +45,14 @@ class BareTube(TubeSegment):
         """Return the volume [m3] of each region."""
         return {name: volume for name, volume in super().exact_volumes().items() if name != "tissue"}
 
-    def netgen_mesh(self, attempt: int = 0) -> Any:
-        """Return the straight Netgen mesh [m] with its geometry and names."""
+    def _section(self, factor: float) -> SectionMesh:
+        """Return the mesh of the cross-section, its element sizes multiplied by a factor."""
         layers = self._vein_layers()
-        size = self.mesh.vein_size * SIZE_FACTORS[attempt]
+        size = self.mesh.vein_size * factor
         angles = even_angles(self._vein_segments(size, [self.skin, *(circle for circle, _ in layers)]))
         rim = Ring(self.skin, np.arange(len(angles), dtype=np.int32), "wall", None)
         outline = SectionMesh(self.skin.points(angles), [], [rim])
-        section = fill_vein(outline, layers, self.fluid, split=self.mesh.element != "mixed")
-        heights = layer_heights(self.length, self.mesh.axial_layers, self.mesh.end_refinement)
-        return extrude(section, heights, END_NAMES, split=self.mesh.element == "tetrahedron")
+        return fill_vein(outline, layers, self.fluid, split=self.mesh.element != "mixed")
 
     @model_validator(mode="after")
     def _check_positions(self) -> BareTube:

@@ -52,6 +52,23 @@ def test_volumes(element: Any, lumen: float) -> None:
         assert geometry.exact_volumes()[region] == pytest.approx(exact * 0.12, rel=1e-12)
 
 
+@pytest.mark.parametrize("bare", [False, True])
+def test_solids_meshed_by_netgen(bare: bool) -> None:
+    """The mesh that others have by default: the same regions and boundaries, each of its exact size."""
+    settings = MeshSettings(element="csg", curving_order=2)
+    length, outer, a, b = 20e-3, 12e-3, 5.55e-3, 6.55e-3
+    kind = BareTube if bare else TubeSegment
+    domain = domain_of(kind(length=length, outer_radius=outer, mesh=settings))
+    areas = {"inlet": pi * a**2, "outlet": pi * a**2, "interface": 2 * pi * a * length,
+             "wall_top": pi * (b**2 - a**2), "skin": 2 * pi * (b if bare else outer) * length}  # fmt: skip
+    if not bare:
+        areas |= {"wall_outer": 2 * pi * b * length, "tissue_bottom": pi * (outer**2 - b**2)}
+    for name, exact in areas.items():
+        assert domain.area(name) == pytest.approx(exact, rel=5e-4), name
+    for region, exact in domain.geometry.exact_volumes().items():
+        assert domain.volume(region) == pytest.approx(exact, rel=5e-4), region
+
+
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_volume_error_falls_with_the_curving_order(element: Any) -> None:
     errors = {}
