@@ -152,6 +152,8 @@ class Discretisation(Section):
     incompressible solids (Poisson ratios above 0.49), which lock otherwise."""
     extension_stiffness: float = Field(default=1.0, gt=0)
     """Factor on the equation of the mesh motion, without influence on the result."""
+    extra_integration_order: int = Field(default=0, ge=0, le=12)
+    """By how much the weak form is integrated to a higher order than usual, to see what that changes."""
 
 
 SAME_TIME = 1e-9

@@ -176,6 +176,9 @@ class System:
         boundaries."""
         return self.solid_parts(elements) + (self.fluid_parts(elements) if self.domain.geometry.fluid else [])
 
+    def _rules(self, order: int) -> dict[Any, ng.IntegrationRule]:
+        return rules(order + self.case.discretisation.extra_integration_order)
+
     def hydrostatic_pressure(self, region: str) -> Any:
         """Return p = -tr(sigma)/3 (Pa) of a solid in the present state."""
         F = Kinematics(ng.Grad(self.state.components[0])).F
@@ -192,7 +195,7 @@ class System:
         """Return the virtual work of a solid's stresses, at all integration points first."""
         order, law = self.unknowns.order, self.solids[name]
         dx = partial(self.domain.dx, name, definedonelements=elements)
-        measure = dx(intrules=rules(2 * order))
+        measure = dx(intrules=self._rules(2 * order))
         if self.case.discretisation.bulk_integration == "full":
             return [Part([terms.internal_work(law, F, grad_v, relaxation, across)], measure)]
         rest, bulk = terms.internal_works(law, F, grad_v, relaxation, across)
@@ -276,9 +279,8 @@ class System:
         else:
             stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
             inside.append(terms.elastic_extension(stiffness, k, ng.Grad(v_mesh)))
-        measure = self.domain.dx(
-            self.domain.fluid, intrules=rules(2 * self.unknowns.order + EXTRA_ORDER), definedonelements=elements
-        )
+        points = self._rules(2 * self.unknowns.order + EXTRA_ORDER)
+        measure = self.domain.dx(self.domain.fluid, intrules=points, definedonelements=elements)
         return [Part(inside, measure), *(self._through(n, f, k, v, elements) for n in self.openings)]
 
     def _through(self, name: str, f: Fields, k: Kinematics, v: Any, elements: ng.BitArray | None) -> Part:

@@ -103,3 +103,19 @@ def test_inertia_and_skin_pressure_of_the_tissue(lively: System) -> None:
 
 def integral(vector: ng.CoefficientFunction, measure: Any, mesh: ng.Mesh) -> Array:
     return np.array([ng.Integrate(vector[i] * measure, mesh) for i in range(3)])
+
+
+def test_integration_converges_with_its_order() -> None:
+    """What the rules leave out of the forces falls with their order: the blood's to rounding, the solids' slower, whose
+    energy is no polynomial."""
+    forces = {}
+    for extra in (0, 4, 8, 12):
+        system = system_of(case_of(**{"discretisation.extra_integration_order": extra}))
+        randomise(system)
+        forces[extra] = np.array(system.residual().FV().NumPy())
+    for name, bounds in {"d": (2e-3, 1e-4, 2e-6), "w": (1e-6, 1e-11, 1e-13), "p": (1e-6, 1e-12, 1e-12)}.items():
+        exact = block(system, name, forces[12])
+        for extra, bound in zip((0, 4, 8), bounds, strict=True):
+            missing = np.linalg.norm(block(system, name, forces[extra]) - exact) / np.linalg.norm(exact)
+            assert missing < bound, (name, extra)
+        assert np.linalg.norm(block(system, name, forces[0]) - exact) > bounds[0] / 5 * np.linalg.norm(exact)
