@@ -3,14 +3,16 @@
     python -m studies.linear_solvers
 
 Each system is the linearised first step from rest, made in a process of its own. Seconds are of the
-processor: renewal is all that is made once per matrix but assembly; memory is that of the whole process.
+processor: renewal is all that is made once per matrix but assembly; memory is that of the whole process. What a step
+takes is made of these, with the counts of long runs.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import resource
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from time import process_time
@@ -29,9 +31,12 @@ from ngfsi.solve.schemes import weights
 from ngfsi.solve.system import System, Vector
 from ngfsi.stopwatch import Stopwatch
 from ngfsi.study import markdown_table
-from studies.compare_tissues import LEVELS, MAIN, case
+from studies.compare_tissues import LEVELS, MAIN, case, mesh
 
 TIGHT = 1e-6
+
+ITERATIONS, STEPS_PER_RENEWAL = 7.0, 25.0
+"""Of a step of the calf at level `paper`: residuals and solutions, and for how many steps factors serve."""
 
 
 class Taken(NamedTuple):
@@ -40,6 +45,7 @@ class Taken(NamedTuple):
     Attributes:
         unknowns: of the system.
         loose, tight: iterations of GMRES to its usual tolerance and to `TIGHT`; 0 with a direct solver.
+        residual, assembly: seconds of each.
         renewal: seconds of the factorisation, with all that is made once per matrix but the assembly.
         solve: seconds.
         memory: most in use (bytes).
@@ -48,9 +54,17 @@ class Taken(NamedTuple):
     unknowns: int
     loose: int
     tight: int
+    residual: float
+    assembly: float
     renewal: float
     solve: float
     memory: float
+
+    @property
+    def step(self) -> float:
+        """Seconds of one step of a long run."""
+        iteration = self.residual + self.solve
+        return ITERATIONS * iteration + (self.assembly + self.renewal) / STEPS_PER_RENEWAL
 
 
 def at_rest(system: System) -> None:
@@ -92,14 +106,20 @@ def measure(stored: dict[str, Any]) -> Taken:
     system = System(chosen, Domain.build(chosen.geometry), watch)
     at_rest(system)
     factorisation = factorised(system, choose_backend(chosen.solver.linear))
+    update(system, factorisation)  # the first evaluations find nothing in the caches
+    analysed, loose = dict(watch.seconds), factorisation.linear_iterations
+    factorisation.renew(system.state.vec)
     update(system, factorisation)
-    seconds, loose = dict(watch.seconds), factorisation.linear_iterations
+    residual, assembly, renewal, solve = (
+        watch.seconds[kind] - analysed[kind] for kind in ("residuals", "assembly", "factorisation", "solves")
+    )
+    before = factorisation.linear_iterations
     multigrid.TOLERANCE = TIGHT
     with suppress(SolverError):
         update(system, factorisation)
     memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    tight = factorisation.linear_iterations - loose
-    return Taken(system.unknowns.size, loose, tight, seconds["factorisation"], seconds["solves"], memory)
+    tight = factorisation.linear_iterations - before
+    return Taken(system.unknowns.size, loose, tight, residual, assembly, renewal, solve, memory)
 
 
 def alone(chosen: Case) -> Taken:
@@ -118,8 +138,8 @@ COARSEST = _mesh(30e-3, 5e-3, 3, (0.6,))
 """For what refinement does not matter to."""
 
 
-def _calf(order: int = 2, mesh: MeshSettings = USUAL, step: float = 0.01) -> Case:
-    settings = mesh.replace(curving_order=order)
+def _calf(order: int = 2, elements: MeshSettings = USUAL, step: float = 0.01) -> Case:
+    settings = elements.replace(curving_order=order)
     return case(MAIN[0], LEVELS["demo"]._replace(mesh=settings, order=order, step=step))
 
 
@@ -128,29 +148,23 @@ def _elastic(poisson: float) -> Case:
     tissue = {"law": "compressible_neo_hookean", "young_kPa": 14 * (1 + poisson), "poisson": poisson,
               "density_kg_m3": 1060}  # fmt: skip
     given = {"tissue": tissue, "wall": {"set": "vein_wall"}, "fluid": {"set": "blood"}}
-    chosen = _calf(mesh=COARSEST).model_copy(update={"materials": Materials.from_dict(given)})
+    chosen = _calf(elements=COARSEST).model_copy(update={"materials": Materials.from_dict(given)})
     return chosen.replace(**{"discretisation.bulk_integration": "reduced" if poisson >= 0.49 else "full"})
 
 
 ROBUSTNESS: dict[str, Case] = {
     "tissue of 25 mm": _calf(),
-    "tissue of 20 mm": _calf(mesh=FINER),
-    "tissue of 14 mm": _calf(mesh=_mesh(14e-3, 2e-3, 9, (0.94, 0.85, 0.7, 0.45))),
-    "tissue of 9 mm": _calf(mesh=_mesh(9e-3, 3.2e-3, 12)),
+    "tissue of 20 mm": _calf(elements=FINER),
+    "tissue of 14 mm": _calf(elements=_mesh(14e-3, 2e-3, 9, (0.94, 0.85, 0.7, 0.45))),
+    "tissue of 9 mm": _calf(elements=_mesh(9e-3, 3.2e-3, 12)),
     **{f"coarsest mesh, order {order}": _calf(order, COARSEST) for order in (2, 3, 4)},
-    "step of 100 ms": _calf(mesh=COARSEST, step=0.1),
-    "step of 1 ms": _calf(mesh=COARSEST, step=1e-3),
-    "step of 0.1 ms": _calf(mesh=COARSEST, step=1e-4),
+    "step of 100 ms": _calf(elements=COARSEST, step=0.1),
+    "step of 1 ms": _calf(elements=COARSEST, step=1e-3),
+    "step of 0.1 ms": _calf(elements=COARSEST, step=1e-4),
     **{f"Poisson ratio {poisson:g}": _elastic(poisson) for poisson in (0.3, 0.45, 0.49, 0.499, 0.4999)},
 }
-SIZES: dict[str, Case] = {
-    "tissue of 25 mm, order 2": _calf(),
-    "tissue of 20 mm, order 2": _calf(mesh=FINER),
-    "tissue of 9 mm, order 2": _calf(mesh=_mesh(9e-3, 3.2e-3, 12)),
-    "tissue of 25 mm, order 3": _calf(order=3),
-    "tissue of 7 mm, order 2": _calf(mesh=_mesh(7e-3, 3.2e-3, 16)),
-}
-"""Smallest first."""
+SIZES: dict[int, tuple[float, ...]] = {2: (1.0, 0.75, 0.6, 0.5, 0.42), 3: (2.0, 1.5, 1.0, 0.75)}
+"""By order: sizes of elements, as in `compare_tissues.mesh`, from 20,000 unknowns on."""
 
 
 def robustness() -> Iterable[tuple[str, ...]]:
@@ -162,18 +176,37 @@ def robustness() -> Iterable[tuple[str, ...]]:
 
 
 def sizes() -> Iterable[tuple[str, ...]]:
-    """Yield the rows of the table of seconds and memory."""
-    for name, chosen in SIZES.items():
-        for solver in (choose_backend("auto"), "p_multigrid"):
-            taken = alone(chosen.replace(**{"solver.linear": solver}))
-            numbers = (f"{taken.renewal:.1f}", f"{taken.solve:.2f}", f"{taken.memory / 1e9:.2f}")
-            yield (name, f"{taken.unknowns:,}", solver, *numbers)
+    """Yield the rows of the table of seconds and memory, and after each order how a step grows with the unknowns."""
+    solvers: tuple[Name, ...] = (choose_backend("auto"), "p_multigrid")
+    for order, chosen in SIZES.items():
+        taken = {
+            solver: [alone(_calf(order, mesh(size, order)).replace(**{"solver.linear": solver})) for size in chosen]
+            for solver in solvers
+        }
+        for solver, rows in taken.items():
+            for size, one in zip(chosen, rows, strict=True):
+                numbers = (one.residual, one.assembly, one.renewal, one.solve, one.step, one.memory / 1e9)
+                yield (f"order {order}, size {size:g}", f"{one.unknowns:,}", solver, *(f"{n:.3g}" for n in numbers))
+            yield (f"order {order}, exponent", "", solver, *(f"{growth(rows, name):.2f}" for name in COSTS))
+
+
+COSTS = ("residual", "assembly", "renewal", "solve", "step", "memory")
+
+
+def growth(rows: Sequence[Taken], name: str) -> float:
+    """Return the power of the number of unknowns with which a cost grows, a least squares fit."""
+    logs = np.log([(one.unknowns, getattr(one, name)) for one in rows])
+    return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
 
 
 def main() -> None:
-    """Compute all and print the tables."""
-    print(markdown_table(("system", "unknowns", "to 1e-2", "to 1e-6"), list(robustness())))
-    print(markdown_table(("calf", "unknowns", "solver", "renewal (s)", "solve (s)", "memory (GB)"), list(sizes())))
+    """Compute all and print the tables, or that of one name."""
+    chosen = sys.argv[1:] or ("robustness", "sizes")
+    if "robustness" in chosen:
+        print(markdown_table(("system", "unknowns", "to 1e-2", "to 1e-6"), list(robustness())))
+    if "sizes" in chosen:
+        heads = ("residual (s)", "assembly (s)", "renewal (s)", "solve (s)", "a step (s)", "memory (GB)")
+        print(markdown_table(("calf", "unknowns", "solver", *heads), list(sizes())))
 
 
 if __name__ == "__main__":
