@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from ngfsi.errors import SolverError
-from ngfsi.physics import terms
 from ngfsi.solve.backends import BACKENDS, choose_backend
-from ngfsi.solve.forms import Part, rules, tangent_form
+from ngfsi.solve.forms import tangent_form
 from ngfsi.solve.sparse import csr
 from ngfsi.solve.system import System
 
@@ -95,12 +94,9 @@ class Stability:
         self._backend = BACKENDS["pardiso" if chosen == "pardiso_single" else chosen]
         trial, test = space.TnT()
         self._form = tangent_form(space, system.static_parts(trial, test))
-        whole = rules(2 * system.unknowns.order)
         self._inertia = {
-            name: tangent_form(
-                space, [Part([terms.inertia(law.density, trial, test)], system.domain.dx(name, intrules=whole))]
-            )
-            for name, law in system.solids.items()
+            name: tangent_form(space, [part])
+            for name, part in zip(system.solids, system.inertia_parts(trial, test), strict=True)
         }
         self._masses: dict[str, Any] = {}
         self.eigenvalues = np.zeros(0)

@@ -6,14 +6,16 @@ as long as it does now, the tangent 10 % less, for half a minute of compiling.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Self
 
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.solve.sparse import pattern, ranges
+from ngfsi.solve.sparse import csr, pattern, ranges
+
+Vector = NDArray[np.float64]
 
 SHAPES = (ng.TRIG, ng.QUAD, ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
 
@@ -75,6 +77,38 @@ def tangent_form(space: Any, parts: Sequence[Part], *, condense: bool = False) -
         for integrand in integrands:
             form += integrand.Compile() * measure
     return form
+
+
+class WithInertia:
+    """A residual form to which forces of inertia are added as a matrix, made once, times the accelerations.
+
+    At the integration points NGSolve would take a third of the residual's time for them.
+    """
+
+    def __init__(self, form: Any, mass: ng.BilinearForm, motion: Any, acceleration: Callable[[Vector], Vector]) -> None:
+        """Prepare.
+
+        Args:
+            mass: that of one component of the motion; assembled here.
+            motion: the space of the motion, whose unknowns are the first of all.
+            acceleration: takes the values of all unknowns and returns the rates of the rates of the motion's.
+        """
+        self._form, self._acceleration = form, acceleration
+        mass.Assemble()
+        self._mass = csr(mass.mat).copy()
+        self._parts = [slice(motion.Range(i).start, motion.Range(i).stop) for i in range(len(motion.components))]
+
+    def Apply(self, state: Any, residual: Any) -> None:
+        """Write the residual at `state`."""
+        self._form.Apply(state, residual)
+        values, acceleration = residual.FV().NumPy(), self._acceleration(state.FV().NumPy())
+        for part in self._parts:
+            values[part] += self._mass @ acceleration[part]
+
+    def __iadd__(self, more: Any) -> Self:
+        """Add integrals to the form."""
+        self._form += more
+        return self
 
 
 class WithoutRows:

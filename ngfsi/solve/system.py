@@ -20,7 +20,7 @@ from ngfsi.materials.small_strain import SmallStrain
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics, in_space
 from ngfsi.solve.boundary import boundary_values
-from ngfsi.solve.forms import Part, WithoutRows, reduced_rules, residual_form, rules, tangent_form
+from ngfsi.solve.forms import Part, WithInertia, WithoutRows, reduced_rules, residual_form, rules, tangent_form
 from ngfsi.solve.schemes import STEADY, Weights
 from ngfsi.solve.unknowns import Unknowns
 from ngfsi.stopwatch import Stopwatch
@@ -128,14 +128,33 @@ class System:
         With one-way coupling the blood's terms are missing in the equations of the solids, where they are its traction.
         """
         parts = self.parts(elements)
-        if not self._one_way:
-            # interior unknowns appear from order 3 on
-            return residual_form(space, parts), tangent_form(space, parts, condense=self.unknowns.order >= 3)
-        blood, rows = self.fluid_parts(elements), self.unknowns.blocks["d"]
-        return (
-            WithoutRows(residual_form(space, parts), residual_form(space, blood), rows),
-            WithoutRows(tangent_form(space, parts), tangent_form(space, blood), rows),
-        )
+        residual: Any = residual_form(space, parts)
+        trial, test = space.TnT()
+        linear = [*parts, *self.inertia_parts(self._acceleration(trial[0]), test[0], elements)]
+        # interior unknowns appear from order 3 on
+        tangent: Any = tangent_form(space, linear, condense=self.unknowns.order >= 3 and not self._one_way)
+        if self._one_way:
+            blood, rows = self.fluid_parts(elements), self.unknowns.blocks["d"]
+            residual = WithoutRows(residual, residual_form(space, blood), rows)
+            tangent = WithoutRows(tangent, tangent_form(space, blood), rows)
+        return self._with_inertia(residual, elements), tangent
+
+    def _with_inertia(self, residual: Any, elements: ng.BitArray | None) -> WithInertia:
+        motion = self.unknowns.space.components[0]
+        trial, test = motion.components[0].TnT()
+        mass = tangent_form(motion.components[0], self.inertia_parts(trial, test, elements))
+        velocity, rest = (field.vec.FV().NumPy() for field in (self.velocity_history, self.acceleration_history))
+
+        def acceleration(values: Vector) -> Vector:
+            new = self.new_weight.Get()
+            return np.asarray(new * (new * values + velocity) + rest)
+
+        return WithInertia(residual, mass, motion, acceleration)
+
+    def _acceleration(self, m: Any) -> Any:
+        """Return the solids' acceleration as a coefficient function of their motion."""
+        new = self.new_weight
+        return new * (new * m + self.velocity_history.components[0]) + self.acceleration_history.components[0]
 
     @property
     def _one_way(self) -> bool:
@@ -172,8 +191,8 @@ class System:
         return residual_form(self.unknowns.space, self.fluid_parts(near))
 
     def parts(self, elements: ng.BitArray | None = None) -> list[Part]:
-        """Return the integrands of the weak form, on some elements or all; of several ranks the first has those on
-        boundaries."""
+        """Return the integrands of the weak form but the solids' inertia, on some elements or all; of several ranks
+        the first has those on boundaries."""
         return self.solid_parts(elements) + (self.fluid_parts(elements) if self.domain.geometry.fluid else [])
 
     def _rules(self, order: int) -> dict[Any, ng.IntegrationRule]:
@@ -205,15 +224,12 @@ class System:
         """Return the integrands of the solids and of the pressures on skin and lumens."""
         trial, test = self.unknowns.space.TnT()
         m, v = trial[0], test[0]
-        new, old = self.new_weight, self.acceleration_history.components[0]
-        acceleration = new * (new * m + self.velocity_history.components[0]) + old
         F, relaxation = Kinematics(ng.Grad(m)).F, self.stress_free_gradient()
         parts = []
-        for name, law in self.solids.items():
+        for name in self.solids:
             # the stretch across the plane and its variation
             across = (1 + trial[1], test[1]) if name in self.case.conditions.plane_stress else (1, 0)
-            (works, measure), *more = self.work_parts(name, F, ng.Grad(v), relaxation, across, elements)
-            parts += [Part([*works, terms.inertia(law.density, acceleration, v)], measure), *more]
+            parts += self.work_parts(name, F, ng.Grad(v), relaxation, across, elements)
         if not self.world.leads:
             return parts
         if self.domain.has_boundary("skin"):
@@ -222,6 +238,11 @@ class System:
             parts.append(self._blood_on_wall(self.outlet_pressure, m, v))
         lumens = getattr(self.domain.geometry, "lumen_names", ())
         return parts + [self._pressure_on(name, self.outlet_pressure, m, v) for name in lumens]
+
+    def inertia_parts(self, acceleration: Any, v: Any, elements: ng.BitArray | None = None) -> list[Part]:
+        """Return the integrands of the solids' inertia, for one component or all of an acceleration."""
+        measure = partial(self.domain.dx, definedonelements=elements, intrules=self._rules(2 * self.unknowns.order))
+        return [Part([terms.inertia(law.density, acceleration, v)], measure(n)) for n, law in self.solids.items()]
 
     def static_parts(self, m: Any, v: Any) -> list[Part]:
         """Return the integrands of the solids at rest under the present pressures, the blood's held as it is.
