@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from studies import discretisation
+from studies import discretisation, integration
 from studies.compare_tissues import LEVELS
 
 
@@ -49,3 +49,19 @@ def test_the_cheapest_of_the_good_is_named() -> None:
     assert errors["good"] == pytest.approx({"area": 0.05, "sawss": 0.5}, rel=1e-9)
     assert "are **good**, with 1,000 unknowns and 2 s" in discretisation.answer(table, errors)
     assert "No elements" in discretisation.answer(table, {"bad": errors["bad"]})
+
+
+def test_changes_between_rules() -> None:
+    """Of area and wall shear the largest over time, of the mean that of the ramp without its begin."""
+    reference = {"lumen_volume_m3": np.array([9e-6, 8e-6, 7e-6]), "sawss_Pa": np.array([0.1, 0.2, 0.2])}
+    other = {"lumen_volume_m3": np.array([9e-6, 8.0008e-6, 7e-6]), "sawss_Pa": np.array([0.11, 0.202, 0.2])}
+    changes = integration.changes_of(other, reference)
+    assert changes == pytest.approx({"area": 1e-4, "sawss": 0.1, "mean": 5e-3}, rel=1e-6)
+
+
+def test_more_points_and_nothing_else() -> None:
+    """The cases of the study differ in their rules alone."""
+    family = integration.FAMILIES["demo"][0]
+    usual, finest = (integration.more(family, extra) for extra in (0, 8))
+    assert finest == usual.replace(**{"discretisation.extra_integration_order": 8})
+    assert usual.discretisation.extra_integration_order == 0 and usual.discretisation.order == family.order
