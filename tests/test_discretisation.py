@@ -64,4 +64,5 @@ def test_more_points_and_nothing_else() -> None:
     family = integration.FAMILIES["demo"][0]
     usual, finest = (integration.more(family, extra) for extra in (0, 8))
     assert finest == usual.replace(**{"discretisation.extra_integration_order": 8})
-    assert usual.discretisation.extra_integration_order == 0 and usual.discretisation.order == family.order
+    assert usual.discretisation.extra_integration_order == 0
+    assert usual.discretisation.order == family.order
