@@ -74,6 +74,7 @@ class Summed:
         """
         from petsc4py import PETSc
 
+        PETSc.garbage_cleanup(PETSc.COMM_SELF)  # petsc4py keeps what Python has dropped
         self._ranks = ranks
         self.comm = PETSc.COMM_SELF if ranks is ALONE else PETSc.COMM_WORLD
         touched = np.flatnonzero(np.diff(starts))
