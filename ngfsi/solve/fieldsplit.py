@@ -25,6 +25,8 @@ from ngfsi.world import World
 Vector = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
+NOT_YET = -3
+"""PETSc's reason for an end after the most iterations."""
 PREFIX = "ngfsi_tissue_"
 """Of the names of the smoother's options in PETSc."""
 SMOOTHER = {"pc_type": "asm", "pc_asm_type": "basic", "pc_asm_local_type": "multiplicative", "sub_pc_type": "lu"}
@@ -118,14 +120,17 @@ class FieldSplit:
         All ranks give the same right-hand side and get the whole solution.
 
         Raises:
-            SolverError: on all ranks; GMRES needs more than `MOST_ITERATIONS`.
+            SolverError: on all ranks; GMRES needs more than `MOST_ITERATIONS`, or meets what is not finite.
         """
         self._solver.setGMRESRestart(multigrid.MOST_ITERATIONS)
         self._solver.setTolerances(rtol=multigrid.TOLERANCE, atol=0.0, max_it=multigrid.MOST_ITERATIONS)
         found = self._summed.solved(self._solver, right.FV().NumPy()[self._free])
         self.iterations += self._solver.getIterationNumber()
-        if self._solver.getConvergedReason() <= 0:
+        reason = self._solver.getConvergedReason()
+        if reason == NOT_YET:
             raise SolverError(f"GMRES did not solve the linearised system in {multigrid.MOST_ITERATIONS} iterations")
+        if reason <= 0:
+            raise SolverError(f"GMRES broke down on the linearised system (PETSc's reason {reason})")
         solution = np.zeros(self._matrix.height)
         solution[self._free] = found * self._scale
         return solution
