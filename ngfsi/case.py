@@ -202,9 +202,9 @@ class Solver(Section):
     linearise: Literal["when slow", "always"] = "when slow"
     """when slow: a factorisation serves over iterations and steps until it converges too slowly; always: one per
     iteration, which is Newton's method as in textbooks, to compare with."""
-    linear: Literal["auto", "pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid"] = "auto"
-    """auto: pardiso where MKL is installed, else umfpack; mumps on several ranks; p_multigrid, which iterates, for
-    problems too large for these; `ngfsi info` says what each is."""
+    linear: Literal["auto", "pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid", "fieldsplit"] = "auto"
+    """auto: pardiso where MKL is installed, else umfpack; mumps on several ranks; p_multigrid, and on several ranks
+    fieldsplit, which iterate, for problems too large for these; `ngfsi info` says what each is."""
 
 
 class Output(Section):

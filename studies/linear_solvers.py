@@ -27,6 +27,7 @@ from ngfsi.errors import SolverError
 from ngfsi.solve import multigrid
 from ngfsi.solve.backends import Name, choose_backend
 from ngfsi.solve.linear import Factorisation
+from ngfsi.solve.newton import Newton
 from ngfsi.solve.schemes import weights
 from ngfsi.solve.system import System, Vector
 from ngfsi.stopwatch import Stopwatch
@@ -76,10 +77,7 @@ def at_rest(system: System) -> None:
 
 def factorised(system: System, backend: Name) -> Factorisation:
     """Return the factorised linearisation at the system's state."""
-    equations = system.unknowns.equations
-    made = Factorisation(
-        system.tangent, system.unknowns.free(), backend, equations, system.watch, lambda: system.levels
-    )
+    made = Newton(system, backend).factorisation
     made.renew(system.state.vec)
     return made
 
@@ -90,12 +88,9 @@ def update(system: System, factorisation: Factorisation) -> Vector:
     Raises:
         SolverError: GMRES does not converge.
     """
-    scale = np.ones(system.unknowns.size)
-    for name, value in system.block_scales().items():
-        scale[system.unknowns.blocks[name]] = value
     residual, result = system.residual(), system.state.vec.CreateVector()
     residual.FV().NumPy()[~system.unknowns.free()] = 0.0
-    factorisation.solve(residual, result, scale)
+    factorisation.solve(residual, result)
     return np.array(result.FV().NumPy())
 
 

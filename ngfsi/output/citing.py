@@ -18,12 +18,16 @@ SOFTWARE = (
     "in Science 1 (1997) 41",
 )
 MIXING = "H. F. Walker, P. Ni, Anderson acceleration for fixed-point iterations, SIAM J Numer Anal 49 (2011) 1715"
+SCHWARZ = (
+    "J. Schöberl, J. M. Melenk, C. Pechstein, S. Zaglmayr, Additive Schwarz preconditioning for p-version triangular "
+    "and tetrahedral finite elements, IMA J Numer Anal 28 (2008) 1"
+)
 SOLVERS = {
     "pardiso": "O. Schenk, K. Gärtner, Solving unsymmetric sparse systems of linear equations with PARDISO, Future "
     "Generation Computer Systems 20 (2004) 475",
     "umfpack": "T. A. Davis, Algorithm 832: UMFPACK V4.3, ACM Trans Math Softw 30 (2004) 196",
-    "p_multigrid": "J. Schöberl, J. M. Melenk, C. Pechstein, S. Zaglmayr, Additive Schwarz preconditioning for "
-    "p-version triangular and tetrahedral finite elements, IMA J Numer Anal 28 (2008) 1",
+    "p_multigrid": SCHWARZ,
+    "fieldsplit": SCHWARZ,
 }
 PRESTRESS = (
     "S. Govindjee, P. A. Mihalic, Computational methods for inverse finite elastostatics, Comput Methods Appl Mech "

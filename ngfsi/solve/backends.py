@@ -14,17 +14,20 @@ from typing import TYPE_CHECKING, Any, Literal
 import ngsolve as ng
 import numpy as np
 from ngsolve.solvers.mkl_pardiso import MKLPardiso
+from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
-from ngfsi.solve.mumps import without_petsc
-from ngfsi.world import world
+from ngfsi.solve.mumps import Mumps
+from ngfsi.solve.petsc import without_petsc
+from ngfsi.world import ALONE, world
 
 if TYPE_CHECKING:
     from ngfsi.solve.multigrid import Levels
 
-Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid"]
+Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid", "fieldsplit"]
 
 GetLevels = Callable[[], "Levels"] | None
+GetScale = Callable[[], NDArray[np.float64]] | None
 
 NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
 """It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the
@@ -51,6 +54,7 @@ class SinglePardiso(MKLPardiso):  # type: ignore[misc]
 
 
 ng.la.RegisterInverseType("pardiso_single", SinglePardiso)
+ng.la.RegisterInverseType("mumps", Mumps)
 
 
 @cache
@@ -85,12 +89,14 @@ class Backend:
     distributed: bool = False
 
     def factors(
-        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, *, shared: bool = False
-    ) -> Any:
+        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, _scale: GetScale = None, *,
+        shared: bool = False,
+    ) -> Any:  # fmt: skip
         """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible.
 
         Args:
             _levels: returns those of an iterative solver.
+            _scale: returns that of each unknown, in whose measure an iterative solver judges its error; default: 1.
             shared: the matrix is the sum of those with which all ranks call this.
         """
         flags = {**self.flags, **({"shared": True} if shared else {})}
@@ -100,26 +106,44 @@ class Backend:
         return old
 
 
+@dataclass(frozen=True)
 class Iterative(Backend):
-    """GMRES with p-multigrid, whose parts the best direct solver takes."""
+    """A solver that iterates on the levels of coupled systems.
+
+    Attributes:
+        make: it of a matrix, the rows, their scale, the levels, and whether the matrix is shared.
+    """
+
+    make: Callable[[Any, ng.BitArray, Any, Levels, bool], Any] = field(kw_only=True)
 
     def factors(
-        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, *, shared: bool = False
-    ) -> Any:
+        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, _scale: GetScale = None, *,
+        shared: bool = False,
+    ) -> Any:  # fmt: skip
         """As of a direct solver.
 
         Raises:
             SolverError: the unknowns of this system have no levels.
         """
-        if _levels is None or shared:
-            raise SolverError("solver.linear = 'p_multigrid' is for coupled systems: use 'auto' for this one")
-        from ngfsi.solve.multigrid import PMultigrid  # with SciPy's GMRES, which direct solvers do without
-
-        direct = BACKENDS[choose_backend("auto")]
+        if _levels is None:
+            raise SolverError(f"solver.linear = '{self.name}' is for coupled systems: use 'auto' for this one")
+        scale = np.ones(matrix.height) if _scale is None else _scale()
         if old is None:
-            return PMultigrid(matrix, rows, _levels(), direct.factors)
-        old.update()
+            return self.make(matrix, rows, scale, _levels(), shared)
+        old.update(scale)
         return old
+
+
+def _p_multigrid(matrix: Any, rows: ng.BitArray, scale: Any, levels: Levels, _shared: bool) -> Any:
+    from ngfsi.solve.multigrid import PMultigrid  # with SciPy's GMRES, which direct solvers do without
+
+    return PMultigrid(matrix, rows, scale, levels, BACKENDS[choose_backend("auto")].factors)
+
+
+def _fieldsplit(matrix: Any, rows: ng.BitArray, scale: Any, levels: Levels, shared: bool) -> Any:
+    from ngfsi.solve.fieldsplit import FieldSplit
+
+    return FieldSplit(matrix, rows, scale, levels, world() if shared else ALONE)
 
 
 BACKENDS = {
@@ -131,7 +155,9 @@ BACKENDS = {
                 "same tolerance", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
         Backend("mumps", "through PETSc, the one for several ranks", without_petsc, updates=True, distributed=True),
         Iterative("p_multigrid", "GMRES, tissue by two-level p-multigrid, blood and wall by a direct solver: for large "
-                  "tissues, whose factors would not fit"),
+                  "tissues, whose factors would not fit", make=_p_multigrid),
+        Iterative("fieldsplit", "the same through PETSc, for several ranks", without_petsc, distributed=True,
+                  make=_fieldsplit),
     )
 }  # fmt: skip
 """In the order in which 'auto' takes them."""

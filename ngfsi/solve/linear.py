@@ -30,14 +30,16 @@ class Factorisation:
 
     def __init__(
         self, form: ng.BilinearForm, free: Mask, backend: Name, equations: NDArray[np.int64] | None = None,
-        watch: Stopwatch | None = None, levels: Callable[[], Levels] | None = None, world: World = ALONE,
+        watch: Stopwatch | None = None, levels: Callable[[], Levels] | None = None,
+        scale: Callable[[], Vector] | None = None, world: World = ALONE,
     ) -> None:  # fmt: skip
         """Prepare.
 
         Args:
             equations: number of the form's row that is each unknown's equation, an involution; default: its own.
             watch: takes the seconds of assembly, factorisation and solves.
-            levels: returns those of p-multigrid.
+            levels: returns those of p-multigrid, for a solver that iterates.
+            scale: returns that of each unknown, in whose measure such a solver judges its error; default: 1.
             world: ranks of which each has a share of the form, and which all call `renew` and `solve`.
         """
         self.form = form
@@ -50,6 +52,7 @@ class Factorisation:
         self._inverse: Any = None
         self._iterates = isinstance(BACKENDS[backend], Iterative)
         self._levels = levels
+        self._scale = scale
 
     def renew(self, state: Any) -> None:
         """Linearise at `state` and factorise.
@@ -62,7 +65,9 @@ class Factorisation:
                 self._world.together(lambda: self._assemble(state))
             with self._watch("factorisation"):
                 backend, shared = BACKENDS[self.backend], self._world.size > 1
-                self._inverse = backend.factors(self.form.mat, self._solved, self._inverse, self._levels, shared=shared)
+                self._inverse = backend.factors(
+                    self.form.mat, self._solved, self._inverse, self._levels, self._scale, shared=shared
+                )
         except Exception as error:  # NGSolve raises its own and generic exceptions for singular element matrices
             if self._world.size > 1 and not isinstance(error, SolverError):
                 raise  # what the other ranks do not know of cannot be gone on from
@@ -94,36 +99,33 @@ class Factorisation:
         """Iterations of an iterative solver since the beginning; 0 for a direct one."""
         return int(self._inverse.iterations) if self._iterates and self._inverse is not None else 0
 
-    def solve(self, residual: Any, update: Any, scale: Vector | None = None) -> None:
+    def solve(self, residual: Any, update: Any) -> None:
         """Write the solution of (linearisation) update = residual, zero on fixed unknowns, to `update`.
 
         `residual` has the equation of each unknown in that unknown's place, and is overwritten.
-
-        Args:
-            scale: of each unknown, in whose measure an iterative solver judges its error; default: 1.
 
         Raises:
             SolverError: an iterative solver does not converge.
         """
         with self._watch("solves"):
-            self._solve(residual, update, scale)
+            self._solve(residual, update)
 
-    def _invert(self, right: Any, result: Any, scale: Vector | None) -> None:
+    def _invert(self, right: Any, result: Any) -> None:
         if self._iterates:
-            result.FV().NumPy()[:] = self._inverse.solve(right, scale)
+            result.FV().NumPy()[:] = self._inverse.solve(right)
         else:
             result.data = self._inverse * right
 
-    def _solve(self, residual: Any, update: Any, scale: Vector | None) -> None:
+    def _solve(self, residual: Any, update: Any) -> None:
         if not self.form.condense:
-            self._invert(residual, update, scale)
+            self._invert(residual, update)
             return
         values = residual.FV().NumPy()
         raw = residual.CreateVector()
         raw.FV().NumPy()[self._equations] = values
         raw.data += self._of_all(self.form.harmonic_extension_trans * raw)
         values[:] = raw.FV().NumPy()[self._equations]
-        self._invert(residual, update, scale)
+        self._invert(residual, update)
         update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
 
     def _of_all(self, product: Any) -> Any:

@@ -48,6 +48,16 @@ class Levels:
     factorised: tuple[Mask, ...]
     patches: list[Numbers]
 
+    def among(self, solved: Mask) -> tuple[list[Numbers], list[Numbers]]:
+        """Return the numbers of the groups that are factorised, and of the patches, without empty ones.
+
+        Args:
+            solved: mask of the unknowns to solve for; all of the motion alone, or all.
+        """
+        masks = (mask[: len(solved)] & solved for mask in self.factorised)
+        patches = (patch[solved[patch]] for patch in self.patches)
+        return [np.flatnonzero(mask) for mask in masks if np.any(mask)], [patch for patch in patches if len(patch)]
+
 
 def levels_of(domain: Domain, unknowns: Unknowns) -> Levels:
     """Return the levels: smoothed is the solid of the most elements, away from what else there is."""
@@ -97,29 +107,31 @@ class PMultigrid:
         iterations: of GMRES since the beginning.
     """
 
-    def __init__(self, matrix: Any, rows: ng.BitArray, levels: Levels, factors: Callable[..., Any]) -> None:
+    def __init__(
+        self, matrix: Any, rows: ng.BitArray, scale: Vector, levels: Levels, factors: Callable[..., Any]
+    ) -> None:
         """Set up.
 
         Args:
             rows: the unknowns to solve for.
+            scale: of each unknown, in whose measure GMRES judges its error.
             factors: of a direct solver: takes a matrix, the rows and its old result, if any.
         """
         self.iterations = 0
         self._matrix, self._factors = matrix, factors
         solved = np.array(list(rows), dtype=bool)
         self._free = np.flatnonzero(solved)
-        masks = (mask[: len(solved)] & solved for mask in levels.factorised)
-        self._groups = [np.flatnonzero(mask) for mask in masks if np.any(mask)]
+        self._groups, patches = levels.among(solved)
+        self._patches = [patch.tolist() for patch in patches]
         self._inverses: list[Any] = [None] * len(self._groups)
-        patches = (patch[solved[patch]].tolist() for patch in levels.patches)
-        self._patches = [patch for patch in patches if patch]
         self._x, self._y, self._defect, self._correction = (matrix.CreateColVector() for _ in range(4))
         for vector in (self._x, self._defect):  # of which only parts are written
             vector[:] = 0.0
-        self.update()
+        self.update(scale)
 
-    def update(self) -> None:
-        """Take the new values of the matrix, which then must stay until the next update."""
+    def update(self, scale: Vector) -> None:
+        """Take the new values of the matrix, which then must stay until the next update, and new scales."""
+        self._scale = scale[self._free]
         whole = csr(self._matrix)
         # the rows alone whose defect is wanted
         self._rows = [whole[group] for group in self._groups[1:]]
@@ -132,13 +144,13 @@ class PMultigrid:
         self._smoother = None  # its memory is free before the new one takes it
         self._smoother = self._matrix.CreateBlockSmoother(self._patches) if self._patches else None
 
-    def solve(self, right: Any, scale: Vector | None = None) -> Vector:
+    def solve(self, right: Any) -> Vector:
         """Return the solution, its error below `TOLERANCE` in the Euclidean norm of the unknowns over their scales.
 
         Raises:
             SolverError: GMRES needs more than `MOST_ITERATIONS`.
         """
-        measure = np.ones(len(self._free)) if scale is None else scale[self._free]
+        measure = self._scale
         operator = LinearOperator(
             (len(measure), len(measure)), matvec=lambda x: self._applied(x * measure) / measure, dtype=float
         )

@@ -131,6 +131,7 @@ class Newton:
             system.unknowns.equations,
             system.watch,
             lambda: system.levels,
+            lambda: self._scale_vector(system.block_scales()),
             system.world,
         )
         self._factored_weight: float | None = None
@@ -188,8 +189,7 @@ class Newton:
     def _iterate(self, tolerance: float, max_iterations: int, ahead: float) -> Solution:
         solution = Solution()
         scales = self.system.block_scales()
-        scale_of_all = self._scale_vector(scales)
-        scale = scale_of_all[self.free]
+        scale = self._scale_vector(scales)[self.free]
         taken = self.factorisation.linear_iterations
         if self._needs_renewal(ahead):
             self._renew(solution, ahead)
@@ -199,7 +199,7 @@ class Newton:
         best = self.system.values[self.free].copy()
         while solution.iterations < max_iterations:
             solution.iterations += 1
-            step = self._plain_step(scale_of_all)
+            step = self._plain_step()
             solution.linear_iterations = self.factorisation.linear_iterations - taken
             solution.changes = self._changes(step, scales)
             change = max(solution.changes.values())
@@ -223,11 +223,11 @@ class Newton:
             history = []
         raise SolverError(self._complaint(solution, scales))
 
-    def _plain_step(self, scale: Vector) -> Vector:
+    def _plain_step(self) -> Vector:
         residual = self.system.residual()
         residual.FV().NumPy()[~self.free] = 0.0
         with self.system.world.order("solve", lambda: self.number, residual.FV().NumPy):
-            self.factorisation.solve(residual, self._update, scale)
+            self.factorisation.solve(residual, self._update)
         return -np.asarray(self._update.FV().NumPy()[self.free])
 
     def _needs_renewal(self, weight: float) -> bool:

@@ -95,7 +95,7 @@ class Dense:
         self.count += 1
         self.at.append(self.system.values.copy())
 
-    def solve(self, residual: Any, update: Any, _scale: Any) -> None:
+    def solve(self, residual: Any, update: Any) -> None:
         r, u = residual.FV().NumPy(), update.FV().NumPy()
         assert not np.any(r[~self.free])
         u[:] = 0.0

@@ -1,0 +1,67 @@
+"""Newton updates of one system by all ranks together: what tests/test_ranks.py starts under mpirun."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.segment import MeshSettings
+from ngfsi.case import Case
+from ngfsi.solve import multigrid
+from ngfsi.solve.backends import Name
+from ngfsi.solve.crew import shares
+from ngfsi.solve.linear import Factorisation
+from ngfsi.solve.system import System
+from ngfsi.world import World
+from studies.linear_solvers import at_rest
+from tests.vein import BONED, case_of, domain_of, randomise
+
+TOLERANCE = 1e-6
+
+
+def case(order: int) -> Case:
+    """Return a vein beside a bone, on a mesh with elements of the tissue inside of each of three shares."""
+    mesh = MeshSettings(element="mixed", far_size=8e-3, vein_size=5e-3, axial_layers=2, lumen_radii=(),
+                        curving_order=order)  # fmt: skip
+    return case_of(BONED.replace(length=20e-3, mesh=mesh), **{"time.step": 0.01, "discretisation.order": order})
+
+
+def updates(order: int, backend: Name, world: World) -> tuple[NDArray[np.float64], list[int]]:
+    """Return the updates at rest and, with the factors renewed, in a lively flow and a step of 0.1 ms, and the
+    iterations of each."""
+    multigrid.TOLERANCE = TOLERANCE
+    chosen = case(order)
+    domain = domain_of(chosen.geometry)
+    mine = ng.BitArray(list(shares(domain, world.size) == world.rank))
+    system = System(chosen, domain, world=world, elements=mine)
+    unknowns, scale = system.unknowns, np.ones(system.unknowns.size)
+    made = Factorisation(system.tangent, unknowns.free(), backend, unknowns.equations, levels=lambda: system.levels,
+                         scale=lambda: scale, world=world)  # fmt: skip
+    found, counts = [], [0]
+    for prepare in (at_rest, _in_flow):
+        prepare(system)
+        for name, value in system.block_scales().items():
+            scale[unknowns.blocks[name]] = value
+        made.renew(system.state.vec)
+        right, update = system.state.vec.CreateVector(), system.state.vec.CreateVector()
+        right.FV().NumPy()[:] = np.where(unknowns.free(), system.apply()[unknowns.equations], 0.0)
+        made.solve(right, update)
+        found.append(np.array(update.FV().NumPy()))
+        counts.append(made.linear_iterations)
+    return np.array(found), list(np.diff(counts))
+
+
+def _in_flow(system: System) -> None:
+    system.set_loads(0.0)
+    randomise(system, amplitude=1e-5)
+    system.new_weight.Set(1e4)
+
+
+def store(file: Path | str, order: int, world: World) -> None:
+    """Write what fieldsplit finds, on rank 0."""
+    found, counts = updates(order, "fieldsplit", world)
+    if world.leads:
+        np.savez(file, updates=found, iterations=counts)
