@@ -158,15 +158,24 @@ def launched() -> tuple[int, int]:
     return 0, 1
 
 
+def _stay_within_processors() -> None:
+    """Start no more threads than this process has processors: NGSolve counts all, mpirun and Slurm bind it to some."""
+    if hasattr(os, "sched_getaffinity") and (mine := len(os.sched_getaffinity(0))) < (os.cpu_count() or 1):
+        os.environ.setdefault("NGS_NUM_THREADS", str(mine))
+
+
 @cache
 def world() -> World:
     """Return the ranks that a launcher started; each takes one thread unless the environment says otherwise.
+
+    A process alone takes as many threads as it has processors.
 
     Raises:
         CaseError: they cannot work together.
     """
     _, size = launched()
     if size == 1:
+        _stay_within_processors()
         return ALONE
     for name, count in threads(1).items():
         os.environ.setdefault(name, count)

@@ -8,10 +8,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from ngfsi.output import open_run
 from ngfsi.run import run
-from ngfsi.world import threads
+from ngfsi.world import ALONE, LAUNCHERS, threads, world
 from tests.test_resume import CASE
 
 SHORT = CASE.replace(**{"time.end": 0.1})
@@ -28,3 +29,23 @@ def test_two_threads_change_no_result(tmp_path: Path) -> None:
     for name, column in one.series.items():
         scale = np.max(np.abs(one.series["flow_in_m3_s" if name == "mass_defect_m3_s" else name]))
         np.testing.assert_allclose(two.series[name], column, rtol=0, atol=1e-9 * scale, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("mine", "said", "wanted"), [({1, 3}, None, "2"), ({1, 3}, "5", "5"), (set(range(8)), None, None)]
+)
+def test_no_more_threads_than_processors(
+    monkeypatch: pytest.MonkeyPatch, mine: set[int], said: str | None, wanted: str | None
+) -> None:
+    """A process that mpirun or Slurm bound to some processors takes those, unless the environment says otherwise."""
+    name = "NGS_NUM_THREADS"
+    for variable in (name, *LAUNCHERS.values()):
+        monkeypatch.setenv(variable, "")  # so that what the test makes of it is taken back
+        monkeypatch.delenv(variable)
+    if said:
+        monkeypatch.setenv(name, said)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: mine, raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    world.cache_clear()
+    assert world() is ALONE
+    assert os.environ.get(name) == wanted
