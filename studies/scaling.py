@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -23,6 +24,7 @@ from ngfsi.errors import SolverError
 from ngfsi.output.disk import replace_file
 from ngfsi.output.stored import open_run
 from ngfsi.study import markdown_table
+from ngfsi.world import threads
 from studies.speed import CASES
 
 PYTHON = Path(__file__).parents[1] / ".venv-mpi" / "bin" / "python"
@@ -67,7 +69,7 @@ class Measured:
 
 
 def measure(layers: int, ranks: int) -> Measured:
-    """Run a size on some ranks.
+    """Run a size on some ranks, each with one thread.
 
     Raises:
         SolverError: the run failed; says why.
@@ -77,8 +79,9 @@ def measure(layers: int, ranks: int) -> Measured:
         file.write_text(SIZES[layers].to_toml(), encoding="utf-8")
         launch = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(ranks), str(PYTHON), "-m", "ngfsi.cli"]
         ended = subprocess.run(
-            [*launch, "run", str(file), "--output", str(folder), "--quiet"], capture_output=True, text=True, check=False
-        )
+            [*launch, "run", str(file), "--output", str(folder), "--quiet"], capture_output=True, text=True,
+            check=False, env=os.environ | threads(1),
+        )  # fmt: skip
         if ended.returncode:
             raise SolverError(f"the run on {ranks} ranks failed: {ended.stderr.strip()}")
         run = open_run(folder)

@@ -108,6 +108,7 @@ def _least_squares(rows: Vector, wanted: Vector) -> Vector:
     """
     products = rows @ rows.T
     lengths = np.sqrt(np.diag(products))
+    lengths[lengths == 0.0] = 1.0
     inverse = np.linalg.pinv(products / np.outer(lengths, lengths), rcond=DEPENDENT, hermitian=True)
     weights = np.zeros(len(rows))
     for _ in range(2):

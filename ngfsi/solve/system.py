@@ -58,6 +58,11 @@ class Fields:
     pressure: Any
 
 
+def second_rate(new: Any, state: Any, velocity_history: Any, acceleration_history: Any) -> Any:
+    """Return the rate of the rate of a state, as arrays or coefficient functions."""
+    return new * (new * state + velocity_history) + acceleration_history
+
+
 class System:
     """Weak form of a case on a domain, with its state, its rates and its loads.
 
@@ -130,7 +135,9 @@ class System:
         parts = self.parts(elements)
         residual: Any = residual_form(space, parts)
         trial, test = space.TnT()
-        linear = [*parts, *self.inertia_parts(self._acceleration(trial[0]), test[0], elements)]
+        velocity, rest = (field.components[0] for field in (self.velocity_history, self.acceleration_history))
+        acceleration = second_rate(self.new_weight, trial[0], velocity, rest)
+        linear = [*parts, *self.inertia_parts(acceleration, test[0], elements)]
         # interior unknowns appear from order 3 on
         tangent: Any = tangent_form(space, linear, condense=self.unknowns.order >= 3 and not self._one_way)
         if self._one_way:
@@ -146,15 +153,9 @@ class System:
         velocity, rest = (field.vec.FV().NumPy() for field in (self.velocity_history, self.acceleration_history))
 
         def acceleration(values: Vector) -> Vector:
-            new = self.new_weight.Get()
-            return np.asarray(new * (new * values + velocity) + rest)
+            return np.asarray(second_rate(self.new_weight.Get(), values, velocity, rest))
 
         return WithInertia(residual, mass, motion, acceleration)
-
-    def _acceleration(self, m: Any) -> Any:
-        """Return the solids' acceleration as a coefficient function of their motion."""
-        new = self.new_weight
-        return new * (new * m + self.velocity_history.components[0]) + self.acceleration_history.components[0]
 
     @property
     def _one_way(self) -> bool:

@@ -135,6 +135,14 @@ def test_mixing_solves_a_linear_problem_in_as_many_steps_as_unknowns() -> None:
     assert x == pytest.approx(other + 1.0, rel=1e-5)  # and not for another matrix
 
 
+def test_mixing_where_a_step_has_changed_nothing() -> None:
+    """Two equal steps teach nothing, and do no harm."""
+    mixing, step = Mixing(), np.array([0.5, -1.0])
+    points = [np.array([1.0, 2.0]), np.array([1.5, 1.0])]
+    found = [mixing.next(point, step, np.ones(2)) for point in points]
+    assert found[1] == pytest.approx(points[1] + step, rel=1e-12)
+
+
 def test_first_step_of_mixing_is_plain() -> None:
     assert Mixing().next(np.array([1.0, 2.0]), np.array([0.5, -1.0]), np.ones(2)) == pytest.approx([1.5, 1.0])
 
