@@ -195,7 +195,7 @@ def bench(
     Prints medians and a variant's ratios to the case as it is, with their spread; writes every run as JSON, and a
     figure of the seconds by kind of work.
 
-    Example: ngfsi bench calf-demo --against textbook --pairs 2 --steps 5
+    Example: ngfsi bench calf-demo --against textbook-same-size --pairs 2 --steps 5
     """
     from ngfsi import bench as engine
     from ngfsi.output.figures import stacked_bars
