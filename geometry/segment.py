@@ -202,6 +202,8 @@ class VeinSegment(Section):
 
     def mesh_attempts(self) -> tuple[str, ...]:
         """Return a description of each way to mesh this segment, in the order to be tried."""
+        if self.mesh.element == "csg":
+            return ("Netgen's default sizes",)
         return tuple(f"element sizes x {factor:g}" for factor in SIZE_FACTORS)
 
     def netgen_mesh(self, attempt: int = 0) -> Any:

@@ -84,11 +84,12 @@ def _key(family: Family, extra: int) -> str:
     return f"{family.title}, +{extra}"
 
 
-def _answer(table: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping[str, float]]) -> str:
+def answer(table: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping[str, float]]) -> str:
     """Return a sentence that says what the usual rules leave out and what exact ones would cost."""
     usual = {key: changes for key, changes in found.items() if key.endswith(", +0")}
     first = next(iter(usual))
-    exact = [k for k, c in found.items() if all(c[n] <= WANTED[n] for n in WANTED) and k[:-1] == first[:-1]]
+    same = [key for key in found if key.startswith(first.removesuffix("0"))]
+    exact = [key for key in same if all(found[key][name] <= WANTED[name] for name in WANTED)]
     worst = {name: max(changes[name] for changes in usual.values()) for name in TITLES}
     said = (
         f"The usual rules leave out at most {worst['area']:.0e} of the area and {worst['sawss']:.0e} of the SAWSS at "
@@ -110,7 +111,7 @@ def _text(level: str, table: Mapping[str, Mapping[str, float]], found: Mapping[s
             "M tissue under 25 mmHg in ten steps; `+n` are rules of an order n higher than the usual 2 k in the solids "
             f"and 2 k + 1 in the blood. Changes are distances from `+{EXTRA[-1]}`, relative, on the same elements; "
             "dotted: what would count as exact.\n",
-            _answer(table, found) + "\n",
+            answer(table, found) + "\n",
             markdown_table(("elements and rules", "CPU (s)", *TITLES.values()), rows),
             f"To repeat it: `ngfsi study integration --level {level}`\n",
         )

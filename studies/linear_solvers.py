@@ -120,7 +120,9 @@ def measure(stored: dict[str, Any]) -> Taken:
 def alone(chosen: Case) -> Taken:
     """Measure in a new process."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(measure, chosen.to_toml_dict()).result()
+        taken = pool.submit(measure, chosen.to_toml_dict()).result()
+    print(f"{chosen.solver.linear}, {taken.unknowns:,} unknowns: {taken.step:.3g} s a step", file=sys.stderr)
+    return taken
 
 
 def _mesh(far: float, near: float, layers: int, radii: tuple[float, ...] = (0.85, 0.55)) -> MeshSettings:

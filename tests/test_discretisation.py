@@ -66,3 +66,13 @@ def test_more_points_and_nothing_else() -> None:
     assert finest == usual.replace(**{"discretisation.extra_integration_order": 8})
     assert usual.discretisation.extra_integration_order == 0
     assert usual.discretisation.order == family.order
+
+
+def test_rules_that_count_as_exact_are_named_with_their_cost() -> None:
+    """The first of the same elements, whatever others do, and the worst of what the usual rules leave out."""
+    changes = {"a, +0": 1e-5, "b, +0": 4e-5, "b, +2": 1e-9, "a, +2": 1e-7, "a, +4": 1e-9}
+    found = {key: dict.fromkeys(integration.WANTED, value) for key, value in changes.items()}
+    table = {key: {"cpu_s": 10.0 * number} for number, key in enumerate(found, 1)}
+    said = integration.answer(table, found)
+    assert "at most 4e-05 of the area and 4e-05 of the SAWSS" in said
+    assert said.endswith("take 5.0 times as long (a, +4).")

@@ -22,7 +22,7 @@ def csr(matrix: Any, entries: NDArray[np.float64] | None = None) -> Any:
     Args:
         entries: those of another matrix with the same pattern, in place of the matrix's own.
     """
-    from scipy.sparse import csr_matrix  # not before it is needed: a direct solver does without
+    from scipy.sparse import csr_matrix  # not before it is needed: importing the solver takes no longer for it
 
     values, columns, starts = map(np.asarray, matrix.CSR())
     return csr_matrix((values if entries is None else entries, columns, starts), shape=(matrix.height, matrix.width))
