@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -174,6 +175,10 @@ def signals_over_time(columns: Sequence[str], rows: Array, path: Path) -> None:
     figure.savefig(path)
 
 
+WIDEST_NAME = 14
+"""Characters that fit under a bar."""
+
+
 def stacked_bars(parts: Mapping[str, Mapping[str, float]], unit: str, path: Path) -> None:
     """Draw a bar for each of what is compared, of parts one on the other; parts -> name -> value."""
     names = list(next(iter(parts.values())))
@@ -184,6 +189,7 @@ def stacked_bars(parts: Mapping[str, Mapping[str, float]], unit: str, path: Path
         heights = np.array([values[name] for name in names])
         axes.bar(names, heights, bottom=below, color=colour, width=0.6, label=part)
         below += heights
+    axes.set_xticks(range(len(names)), [fill(name, WIDEST_NAME) for name in names])
     axes.set_ylabel(unit)
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(handles[::-1], labels[::-1], fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
