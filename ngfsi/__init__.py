@@ -14,7 +14,7 @@ for _name, _value in {"OPENBLAS_NUM_THREADS": "1", "KMP_BLOCKTIME": "0"}.items()
 def __getattr__(name: str) -> object:
     """Load `open_run` when it is asked for: reading a run takes libraries that importing the package need not."""
     if name == "open_run":
-        from ngfsi.output.stored import open_run
+        from ngfsi.store.stored import open_run
 
         return open_run
     raise AttributeError(f"module 'ngfsi' has no attribute '{name}'")

@@ -24,8 +24,8 @@ from typing import Annotated, Any
 import typer
 
 from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, needs_clone, unknown
+from ngfsi.parallel.ranks import World, launched, world
 from ngfsi.units import seconds
-from ngfsi.world import World, launched, world
 
 INTERRUPTED = 130
 SHARED = ("run", "resume")
@@ -158,7 +158,7 @@ def verify(
 
     Example: ngfsi verify poiseuille lame --level full
     """
-    from ngfsi.output.summary import console
+    from ngfsi.report.terminal import console
     from ngfsi.solve.initial import silent
     from ngfsi.verify import engine
     from ngfsi.verify.page import FOLDER, terminal_table, write_page
@@ -197,9 +197,9 @@ def bench(
 
     Example: ngfsi bench calf-demo --against textbook-same-size --pairs 2 --steps 5
     """
-    from ngfsi import bench as engine
-    from ngfsi.output.figures import stacked_bars
-    from ngfsi.output.summary import console
+    from ngfsi.bench import engine
+    from ngfsi.report.figures import stacked_bars
+    from ngfsi.report.terminal import console
 
     variants = engine.named("VARIANTS", against) if against else {}
     with _interruptible(output):
@@ -230,12 +230,12 @@ def register(
 
     Example: ngfsi register before.nii.gz after.nii.gz --slice 12 -o skin.csv
     """
-    from ngfsi.output.table import write_rows
+    from ngfsi.store.table import write_rows
     from ngfsi.units import from_si, to_si
 
-    if find_spec("geometry") is None:
+    if find_spec("ngfsi_geometry") is None:
         raise OutputError(needs_clone("readers of images"))
-    images = import_module("geometry.registering")
+    images = import_module("ngfsi_geometry.registering")
     before = images.slice_of(fixed, number)
     after = images.slice_of(moving, number if moving_number is None else moving_number)
     found = images.register_slices(before, after, to_si(control_mm, "mm"))
@@ -254,7 +254,7 @@ def materials() -> None:
     Initial moduli, and what is odd about them.
     """
     from ngfsi.materials import table
-    from ngfsi.output import summary
+    from ngfsi.report import terminal as summary
 
     summary.console().print(summary.materials(table()))
 
@@ -269,7 +269,8 @@ def info(
 
     Example: ngfsi info runs/calf
     """
-    from ngfsi.output import open_run, summary
+    from ngfsi.report import terminal as summary
+    from ngfsi.store import open_run
 
     summary.console().print(summary.run_summary(open_run(folder)) if folder else summary.installation())
 
@@ -282,8 +283,8 @@ def cite(folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar
 
     Example: ngfsi cite runs/calf
     """
-    from ngfsi.output import open_run
-    from ngfsi.output.citing import citations, repeat_commands
+    from ngfsi.report.citing import citations, repeat_commands
+    from ngfsi.store import open_run
 
     run = open_run(folder)
     for heading, references in citations(run).items():
@@ -306,8 +307,8 @@ def export(
 
     Example: ngfsi export runs/calf --time 1.0 --format xdmf
     """
-    from ngfsi.output import open_run
-    from ngfsi.output.export import export as write
+    from ngfsi.store import open_run
+    from ngfsi.store.export import export as write
 
     path, found = write(open_run(folder), time, fmt, output)
     typer.echo(f"The fields at {found:g} s are in '{path}'")
@@ -324,8 +325,8 @@ def animate(
 
     Example: ngfsi animate runs/calf -o vein.mp4
     """
-    from ngfsi.output import open_run
-    from ngfsi.output.render import animation
+    from ngfsi.report.render import animation
+    from ngfsi.store import open_run
 
     if failure := animation(open_run(folder), output):
         raise OutputError(failure)
@@ -350,11 +351,11 @@ def report(
 
     Example: ngfsi report runs/demo/m_s1 runs/demo/n_likely -o compared.html
     """
-    from ngfsi.output.disk import explained
-    from ngfsi.output.report import figures as draw
-    from ngfsi.output.report import report as write
+    from ngfsi.report.html import figures as draw
+    from ngfsi.report.html import report as write
+    from ngfsi.store.disk import explained
 
-    chosen = claims or Path(__file__).parents[1] / "studies" / "source_claims.toml"
+    chosen = claims or Path(__file__).parents[1] / "studies" / "ngfsi_studies" / "source_claims.toml"
     printed: dict[str, Any] = {}
     if claims or chosen.exists():
         with explained(chosen, "read"):
@@ -404,13 +405,13 @@ def find_study(name: str) -> Any:
     Raises:
         OutputError: there is no such study, or no clone around the engine to hold studies.
     """
-    if find_spec("studies") is None:
+    if find_spec("ngfsi_studies") is None:
         raise OutputError(needs_clone("studies"))
-    package = import_module("studies")
+    package = import_module("ngfsi_studies")
     modules = [info.name for info in iter_modules(package.__path__)]
-    if name in modules and (compute := getattr(import_module(f"studies.{name}"), "study", None)):
+    if name in modules and (compute := getattr(import_module(f"ngfsi_studies.{name}"), "study", None)):
         return compute
-    known = [module for module in modules if hasattr(import_module(f"studies.{module}"), "study")]
+    known = [module for module in modules if hasattr(import_module(f"ngfsi_studies.{module}"), "study")]
     raise OutputError(unknown("study", name, known))
 
 
@@ -465,7 +466,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _lend_a_hand(ranks: World) -> None:
     """Work for rank 0, which alone heeds signals."""
-    from ngfsi.solve.crew import Hand
+    from ngfsi.solve.worker import Hand
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)

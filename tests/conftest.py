@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ngfsi.world import threads
+from ngfsi.parallel.ranks import threads
 
 # before NumPy and NGSolve are loaded: with one thread alone runs are the same to the last bit; children inherit it
 os.environ.update(threads(1))
@@ -15,7 +15,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(Path(__file__).pare
 
 import pytest
 
-from ngfsi.curves import PressureConstant, PressureRamp
+from ngfsi.config.functions import PressureConstant, PressureRamp
 from tests.runs import Run, computed
 from tests.vein import BONED, case_of
 

@@ -12,8 +12,8 @@ from ngfsi.case import Case
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
 from ngfsi.solve.newton import Newton
-from ngfsi.solve.system import System
-from ngfsi.solve.timeloop import Step, TimeLoop
+from ngfsi.solve.time_loop import Step, TimeLoop
+from ngfsi.system.system import System
 from tests.vein import steady
 
 Array = NDArray[np.float64]

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from ngfsi import cli
-from ngfsi.output.provenance import now, versions
-from ngfsi.solve.system import System
-from ngfsi.solve.timeloop import TimeLoop
-from ngfsi.world import threads
+from ngfsi.parallel.ranks import threads
+from ngfsi.solve.time_loop import TimeLoop
+from ngfsi.store.provenance import now, versions
+from ngfsi.system.system import System
 from tests.test_resume import CASE, assert_same, counted_on_disk, dying
 
 LONGER = CASE.replace(**{"time.step": 0.01, "time.end": 1.0, "output.fields_every": 10, "output.checkpoint_every": 5})

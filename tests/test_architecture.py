@@ -11,10 +11,8 @@ import ngfsi
 
 ROOT = Path(ngfsi.__file__).parent
 ORDER = (
-    "errors", "world", "stopwatch", "units", "complaint", "section", "columns", "outline", "displacement", "curves",
-    "builders", "materials", "case", "curving", "meshing", "domain", "physics", "solve", "statics", "measure",
-    "calibrate", "registration", "waveform", "rigid", "tube_law", "vein_1d", "output", "stops", "run", "design",
-    "surrogate", "study", "bench", "verify", "cli",
+    "errors", "units", "process", "config", "parallel", "mesh", "outlines", "materials", "case", "physics", "system",
+    "linear", "solve", "measure", "store", "analysis", "report", "identify", "run", "study", "bench", "verify", "cli",
 )  # fmt: skip
 
 

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ngfsi_studies.speed import CASES, VARIANTS
 
-from ngfsi import bench, cli
+from ngfsi import cli
+from ngfsi.bench import engine as bench
 from ngfsi.case import Case
-from ngfsi.stopwatch import Stopwatch
-from studies.speed import CASES, VARIANTS
+from ngfsi.parallel.stopwatch import Stopwatch
 
 RECORDED = {"unknowns": 3096, "factorisations": 3, "iterations": 29}
 """Of the case `tiny`: what more of these costs, on any machine."""
@@ -86,7 +87,7 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
                   (("step", 1.0), ("iterations", 4.0), ("wall_s", 2.0))},
         "series": {"lumen_volume_m3": np.array([9e-6, 8e-6]), "sawss_Pa": np.array([9.0, 0.1, 0.3])},
     })()  # fmt: skip
-    monkeypatch.setattr(bench.subprocess, "Popen", Process)
+    monkeypatch.setattr(bench.process.subprocess, "Popen", Process)
     monkeypatch.setattr(bench.os, "wait4", lambda *_: (1, 0, usage))
     monkeypatch.setattr(bench, "perf_counter", lambda: next(clock))
     monkeypatch.setattr(bench, "open_run", lambda _: stored)

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ngfsi_geometry.calf import CalfSegment
 
-from geometry.calf import CalfSegment
-from ngfsi.builders import available_builders, find_builder, path_of
 from ngfsi.case import Case, Loads, Materials, TimeStepping
-from ngfsi.curves import PressureConstant, PressureRamp, PressureTable
+from ngfsi.case.geometries import available_builders, find_builder, path_of
+from ngfsi.config.functions import PressureConstant, PressureRamp, PressureTable
 from ngfsi.errors import CaseError, GeometryError, MaterialError
 from ngfsi.materials import Hencky, MooneyRivlin, load_set
 
@@ -20,7 +20,7 @@ TEXT = """
 name = "demo"
 
 [geometry]
-type = "geometry.calf:CalfSegment"
+type = "ngfsi_geometry.calf:CalfSegment"
 lumen_diameter_mm = 11.1
 
 [materials]
@@ -157,7 +157,8 @@ def test_an_override_may_use_any_unit() -> None:
         ("name", 3, "name = 3 is not accepted: text in quotes is wanted"),
         ("geometry", 3, "geometry = 3 is not accepted: a table with type = an import path such as"),
         ("geometry.type", None, "'geometry.type' is missing: write an import path such as"),
-        ("geometry.type", "geometry.calf:Calf", "'geometry.type' cannot be used: 'geometry.calf:Calf' is not a known"),
+        ("geometry.type", "ngfsi_geometry.calf:Calf",
+         "'geometry.type' cannot be used: 'ngfsi_geometry.calf:Calf' is not a known"),
         ("geometry.lumen_diameter_mm", -3, "geometry.lumen_diameter_mm = -3 is not accepted: a number greater than 0"),
         ("geometry.lumen_diametr_mm", 3, "'geometry.lumen_diametr_mm' is not a known key: did you mean 'lumen_d"),
         ("geometry.lumen_diameter", 3, "'geometry.lumen_diameter' needs its unit in the key: write 'lumen_diameter_m'"),
@@ -228,18 +229,19 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 def test_builders_are_found_by_path() -> None:
-    assert find_builder("geometry.calf:CalfSegment") is CalfSegment
-    assert path_of(CalfSegment) == "geometry.calf:CalfSegment"
-    assert "geometry.calf:CalfSegment" in available_builders()
+    assert find_builder("ngfsi_geometry.calf:CalfSegment") is CalfSegment
+    assert path_of(CalfSegment) == "ngfsi_geometry.calf:CalfSegment"
+    assert "ngfsi_geometry.calf:CalfSegment" in available_builders()
 
 
 @pytest.mark.parametrize(
     "path",
-    ["os:system", "geometry.calf", "geometry.calf:", "geometry:CalfSegment", "geometry.calf:csg", "geometry.none:A",
-     "geometry.calf.x:A", "geometry.calf:CalfSegment.x", "geometry.segment:MeshSettings"],
+    ["os:system", "geometry.calf", "ngfsi_geometry.calf:", "geometry:CalfSegment", "ngfsi_geometry.calf:csg",
+     "ngfsi_geometry.none:A",
+     "ngfsi_geometry.calf.x:A", "ngfsi_geometry.calf:CalfSegment.x", "ngfsi_geometry.segment:MeshSettings"],
 )  # fmt: skip
 def test_paths_that_lead_to_no_builder(path: str) -> None:
-    with pytest.raises(GeometryError, match=r"is not a known geometry: .*geometry.calf:CalfSegment"):
+    with pytest.raises(GeometryError, match=r"is not a known geometry: .*ngfsi_geometry.calf:CalfSegment"):
         find_builder(path)
 
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
-import ngfsi.run
+import ngfsi.run.computation
 from ngfsi import cli
 from ngfsi.case import Case
 from ngfsi.errors import CaseError, SolverError
-from ngfsi.output import RunFolder, open_run
+from ngfsi.store import RunFolder, open_run
 from tests.output.fake import CASE, fake_run
 
 
@@ -206,7 +206,7 @@ def test_studies_without_a_clone(capsys: pytest.CaptureFixture[str], monkeypatch
 
 
 def test_study(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    import studies.compare_tissues
+    import ngfsi_studies.compare_tissues
 
     monkeypatch.chdir(tmp_path)
     asked: list[Any] = []
@@ -215,7 +215,7 @@ def test_study(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPat
         asked.append((level, folder, quiet))
         return folder / "report.md"
 
-    monkeypatch.setattr(studies.compare_tissues, "study", study)
+    monkeypatch.setattr(ngfsi_studies.compare_tissues, "study", study)
     code, out, _ = ngfsi_(capsys, "study", "compare_tissues", "--level", "paper", "-q")
     assert (code, out) == (0, "The report is in 'runs/compare_tissues-paper/report.md'\n")
     ngfsi_(capsys, "study", "compare_tissues", "--output", "x")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ngfsi.curves import (
+from ngfsi.config.functions import (
     FlowConstant,
     FlowCurve,
     FlowHarmonics,
@@ -19,8 +19,8 @@ from ngfsi.curves import (
     PressureSmoothRamp,
     PressureTable,
 )
+from ngfsi.config.model import Section
 from ngfsi.errors import CaseError
-from ngfsi.section import Section
 
 KINDS = "'constant', 'ramp', 'smooth_ramp', 'table', 'harmonics', 'waveform'"
 

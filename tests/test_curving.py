@@ -8,13 +8,13 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import TubeSegment
 from ngsolve import CF, GridFunction, Integrate, Mesh, VectorH1, div, specialcf, x, y, z
 
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
-from ngfsi.curving import reference_shape
-from ngfsi.domain import Domain
-from ngfsi.meshing import MeshReport
+from ngfsi.mesh.curving import reference_shape
+from ngfsi.mesh.domain import Domain
+from ngfsi.mesh.generate import MeshReport
 
 ELEMENTS = ("prism", "mixed", "tetrahedron")
 RADIUS = 5.55e-3

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ngfsi.design import grid, indices, latin_hypercube, morris, one_at_a_time, saltelli, sobol
 from ngfsi.errors import CaseError, MaterialError
+from ngfsi.study.design import grid, indices, latin_hypercube, morris, one_at_a_time, saltelli, sobol
 from tests.output.fake import CASE
 
 RANGES = {"materials.tissue.K_kPa": (20.0, 40.0), "geometry.lumen_diameter_mm": (8.0, 11.0)}

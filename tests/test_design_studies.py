@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ngfsi_studies import compare_tissues, sensitivity, stocking_design
+from ngfsi_studies.stocking_design import BOUND, PERIOD, RANGES, STANDARD, Profile
 
-from ngfsi.design import Indices, morris
-from ngfsi.domain import Domain
+from ngfsi.mesh.domain import Domain
 from ngfsi.study import Outcome, Results, Study
-from studies import compare_tissues, sensitivity, stocking_design
-from studies.stocking_design import BOUND, PERIOD, RANGES, STANDARD, Profile
+from ngfsi.study.design import Indices, morris
 
 BASE = sensitivity.base_case(compare_tissues.COARSE)
 NAMED = {

@@ -6,9 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-
-from studies import discretisation, integration
-from studies.compare_tissues import LEVELS
+from ngfsi_studies import discretisation, integration
+from ngfsi_studies.compare_tissues import LEVELS
 
 
 def test_meshes_of_a_family() -> None:

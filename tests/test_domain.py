@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import TubeSegment
 from ngsolve import CF, GridFunction, Integrate, Mesh, VectorH1, ngsglobals
 
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
-from ngfsi.domain import Domain
 from ngfsi.errors import MeshError, RegionError
-from ngfsi.meshing import MeshReport
+from ngfsi.mesh.domain import Domain
+from ngfsi.mesh.generate import MeshReport
 
 COARSE = TubeSegment(length=20e-3, mesh=MeshSettings(axial_layers=2, far_size=12e-3, vein_size=4e-3, lumen_radii=()))
 REPORT = MeshReport("direct", (), 0.0)
@@ -108,7 +108,7 @@ def test_names_must_be_those_promised() -> None:
 
 def test_lost_curvature_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """As when a mesh file has lost its geometry: the straight elements would cut 3 % off the lumen."""
-    monkeypatch.setattr("ngfsi.domain.shape_of", lambda mesh, _: GridFunction(VectorH1(mesh, order=1)))
+    monkeypatch.setattr("ngfsi.mesh.domain.shape_of", lambda mesh, _: GridFunction(VectorH1(mesh, order=1)))
     with pytest.raises(MeshError, match=r"region '\w+' of the mesh has -\d"):
         domain_of(COARSE)
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from ngfsi_studies import flow_rate
+from ngfsi_studies.flow_rate import FLOWS, SOURCE, Point, case, flow_for, points
 
-from ngfsi.measure.decomposition import narrowing
+from ngfsi.analysis.decomposition import narrowing
 from ngfsi.study import Outcome
-from studies import flow_rate
-from studies.flow_rate import FLOWS, SOURCE, Point, case, flow_for, points
 
 
 def test_narrowing_of_the_printed_losses() -> None:

@@ -17,13 +17,13 @@ import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import ngfsi.run
+import ngfsi.run.computation
 from ngfsi import cli
-from ngfsi.builders import find_builder
 from ngfsi.case import Case
+from ngfsi.case.geometries import find_builder
 from ngfsi.errors import CaseError, GeometryError, NgfsiError
-from ngfsi.output import RunFolder
-from ngfsi.solve.timeloop import TimeLoop
+from ngfsi.solve.time_loop import TimeLoop
+from ngfsi.store import RunFolder
 from tests.test_case import TEXT
 
 NUMBER = 2000
@@ -40,9 +40,12 @@ NUMBERS: tuple[Any, ...] = (
 WORDS: tuple[str, ...] = (
     "", " ", "a", "..", "../../x", "/etc/passwd", "~", "con", "a/b", "a\\b", "a\nb", "a\x1b[2Jb", "a\0b", "ä", "日本",
     "‮abc", "e\u0301", "🦵", "x" * 5000, "${HOME}", "$(touch x)", "%s%n", "{0}", "[bold]", "'; drop", "__class__",
-    "self", "os:system", "geometry.calf:CalfSegment", "geometry.calf:__builtins__", "geometry..calf:CalfSegment",
-    "geometry.calf:CalfSegment.mro", "geometry.calf:Section", "geometry.segment:VeinSegment", "subprocess:Popen",
-    "geometry.tube:TubeSegment", "geometry.channel:BeamInChannel", "mooney_rivlin_s1", "blood", "ramp", "nan", "inf",
+    "self", "os:system",
+    "ngfsi_geometry.calf:CalfSegment", "ngfsi_geometry.calf:__builtins__", "geometry..calf:CalfSegment",
+    "ngfsi_geometry.calf:CalfSegment.mro", "ngfsi_geometry.calf:Section",
+    "ngfsi_geometry.segment:VeinSegment", "subprocess:Popen",
+    "ngfsi_geometry.tube:TubeSegment", "ngfsi_geometry.channel:BeamInChannel",
+    "mooney_rivlin_s1", "blood", "ramp", "nan", "inf",
 )  # fmt: skip
 OTHERS: tuple[Any, ...] = (
     True, False, [], {}, [[]], [1, "a"], {"a": {"b": {}}}, [math.nan], datetime.date(2020, 2, 30 - 1),
@@ -106,7 +109,7 @@ def check_sentence(error: NgfsiError) -> None:
 
 def accepted(case: Case, folder: Path, **_: Any) -> None:
     """What is done with a case before it is meshed."""
-    ngfsi.run._refuse_what_cannot_be_measured(case)
+    ngfsi.run.computation._refuse_what_cannot_be_measured(case)
     RunFolder.create(folder, case).finish("completed")
     assert Case.from_toml(folder / "case.toml") == case
     assert TimeLoop(case, None, None).steps >= 1  # type: ignore[arg-type]
@@ -117,7 +120,7 @@ def test_mutated_case_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """Each is accepted, or refused in one line; nothing appears outside of the run's folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(ngfsi.run, "run", accepted)
-    monkeypatch.setattr("ngfsi.output.folder.commit", lambda: None)
+    monkeypatch.setattr("ngfsi.store.folder.commit", lambda: None)
     monkeypatch.setattr("os.fsync", lambda _: None)
     rng = np.random.default_rng(4)
     codes = []
@@ -205,7 +208,7 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text(f"open({str(tmp_path / 'trace')!r}, 'w')")
         (tmp_path / name / "veins.py").write_text(
-            "from geometry.tube import TubeSegment\nclass Mine(TubeSegment):\n    pass\n"
+            "from ngfsi_geometry.tube import TubeSegment\nclass Mine(TubeSegment):\n    pass\n"
         )
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
@@ -224,14 +227,3 @@ def test_foreign_builders_need_leave(foreign: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("NGFSI_GEOMETRY", "other,mylab")
     assert find_builder("mylab.veins:Mine").__name__ == "Mine"
     assert (foreign / "trace").exists()
-
-
-def test_a_folder_that_only_calls_itself_geometry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A package of that name beside the case file is not the one beside the engine."""
-    (tmp_path / "geometry").mkdir()
-    (tmp_path / "geometry" / "__init__.py").write_text("")
-    monkeypatch.syspath_prepend(tmp_path)
-    for name in [name for name in sys.modules if name.split(".")[0] == "geometry"]:
-        monkeypatch.delitem(sys.modules, name)
-    with pytest.raises(GeometryError, match="is not the one of this clone"):
-        find_builder("geometry.calf:CalfSegment")

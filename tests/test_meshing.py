@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import TubeSegment
 from ngsolve import CF, VOL, GridFunction, Mesh, VectorH1, x, y
 
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
-from ngfsi import meshing
-from ngfsi.domain import Domain
 from ngfsi.errors import MeshError
+from ngfsi.mesh import generate as meshing
+from ngfsi.mesh.domain import Domain
 
 COARSE = MeshSettings(axial_layers=1, far_size=12e-3, vein_size=4e-3, lumen_radii=())
 

@@ -16,16 +16,16 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-import ngfsi.world
+import ngfsi.parallel.ranks
 from ngfsi import cli
 from ngfsi.errors import CaseError
-from ngfsi.output import open_run
+from ngfsi.linear.backends import choose_backend
+from ngfsi.parallel.ranks import World
 from ngfsi.run import run
-from ngfsi.solve.backends import choose_backend
-from ngfsi.solve.crew import shares
-from ngfsi.solve.system import System
-from ngfsi.solve.unknowns import BLOCKS
-from ngfsi.world import World
+from ngfsi.solve.worker import shares
+from ngfsi.store import open_run
+from ngfsi.system.system import System
+from ngfsi.system.unknowns import BLOCKS
 from tests.conftest import SQUEEZED
 from tests.updates import case, updates
 from tests.vein import block, domain_of, system_of
@@ -81,9 +81,9 @@ def test_shares_sum_up_to_the_system() -> None:
 
 def test_ranks_without_mpi4py(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "4")
-    monkeypatch.setattr(ngfsi.world, "find_spec", lambda name: None if name == "petsc4py" else name)
+    monkeypatch.setattr(ngfsi.parallel.ranks, "find_spec", lambda name: None if name == "petsc4py" else name)
     with pytest.raises(CaseError, match="4 processes were started, which need petsc4py"):
-        ngfsi.world.world.__wrapped__()
+        ngfsi.parallel.ranks.world.__wrapped__()
 
 
 @cache
@@ -160,7 +160,7 @@ def test_two_ranks_give_the_results_of_one(serial: Path, case_file: Path, tmp_pa
 def test_stopped_on_two_ranks_and_resumed_on_three(serial: Path, case_file: Path, tmp_path: Path) -> None:
     stop = """
 from ngfsi.errors import StoppedError
-from ngfsi.stops import Stops
+from ngfsi.run.interrupts import Stops
 asked = iter([None, StoppedError('stopped by the test')])
 Stops.request = lambda self: next(asked)
 """
@@ -195,7 +195,7 @@ def test_fieldsplit_ends_where_a_direct_solver_does(tmp_path: Path) -> None:
 def test_iterations_of_fieldsplit(tmp_path: Path, ranks: int, order: int, most: int) -> None:
     """To 1e-6, from rest and then with new values of the matrix; p-multigrid takes 9 (order 2) and 12 (order 3)."""
     work = f"""
-from ngfsi.world import world
+from ngfsi.parallel.ranks import world
 from tests.updates import store
 store('{tmp_path / "found.npz"}', {order}, world())
 sys.exit()
@@ -214,7 +214,7 @@ sys.exit()
 def test_fieldsplit_that_fails_ends_the_run(tmp_path: Path) -> None:
     case_file = tmp_path / "case.toml"
     case_file.write_text(FIELDSPLIT.to_toml())
-    few = "from ngfsi.solve import multigrid\nmultigrid.MOST_ITERATIONS = 1"
+    few = "from ngfsi.linear import multigrid\nmultigrid.MOST_ITERATIONS = 1"
     ended = mpirun(2, "run", str(case_file), "--output", str(tmp_path / "run"), "--quiet", before=few)
     assert ended.returncode == 3, ended.stderr
     said = [line for line in ended.stderr.splitlines() if line.startswith("ngfsi: ")]
@@ -223,7 +223,7 @@ def test_fieldsplit_that_fails_ends_the_run(tmp_path: Path) -> None:
 
 
 FAILS = """
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 apply, calls = System.apply, 0
 def failing(self):
     global calls

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
+from ngfsi_geometry.calf_section import subject
+from ngfsi_geometry.imaging import phantom, phantom_stack
 
-from geometry.calf_section import subject
-from geometry.imaging import phantom, phantom_stack
 from ngfsi import cli
 from ngfsi.case import Conditions
-from ngfsi.displacement import OutlineDisplacement
 from ngfsi.errors import GeometryError
-from ngfsi.outline import Outline
-from ngfsi.registration import register_images, register_outlines
+from ngfsi.outlines.displacement import OutlineDisplacement
+from ngfsi.outlines.outline import Outline
+from ngfsi.outlines.registration import register_images, register_outlines
 
 SKIN = subject(1).skin
 LANDMARKS = SKIN.at(SKIN.length * np.array([0.05, 0.3, 0.55, 0.8]))

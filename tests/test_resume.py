@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 from ngfsi.case import Case
-from ngfsi.curves import PressureRamp
+from ngfsi.config.functions import PressureRamp
 from ngfsi.errors import OutputError, SolverError, StoppedError
 from ngfsi.measure.deformation import Deformation
-from ngfsi.output import RunFolder, open_run
 from ngfsi.run import resume, run
+from ngfsi.run.interrupts import Stops
 from ngfsi.solve.newton import Solution
-from ngfsi.solve.timeloop import TimeLoop
-from ngfsi.stops import Stops
+from ngfsi.solve.time_loop import TimeLoop
+from ngfsi.store import RunFolder, open_run
 from tests.vein import TUBE, case_of
 
 CASE = case_of(
@@ -235,7 +235,7 @@ def test_other_case_version_and_mesh_are_refused(stopped: Path, monkeypatch: pyt
         with pytest.raises(OutputError, match=r"of something else: version\.ngfsi is .* there, 99 here"):
             resume(stopped, quiet=True)
     with monkeypatch.context() as patch:
-        patch.setattr("ngfsi.domain.Domain.fingerprint", "other")
+        patch.setattr("ngfsi.mesh.domain.Domain.fingerprint", "other")
         with pytest.raises(OutputError, match="is of another mesh"):
             resume(stopped, quiet=True)
     file.write_text(written)

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError, model_validator
 
+from ngfsi.config.model import Section
 from ngfsi.errors import CaseError, GeometryError
-from ngfsi.section import Section
 from ngfsi.units import Length, Pressure, Time
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ngfsi_studies import calibration, plane_sections, rigid_veins
+from ngfsi_studies.plane_sections import Finding, Level
 
-from ngfsi.domain import Domain
 from ngfsi.errors import SolverError
-from ngfsi.outline import Outline
-from ngfsi.statics import load_path, softest_mode
-from studies import calibration, plane_sections, rigid_veins
-from studies.plane_sections import Finding, Level
+from ngfsi.mesh.domain import Domain
+from ngfsi.outlines.outline import Outline
+from ngfsi.solve.statics import load_path, softest_mode
 
 
 def test_printed_discrepancies_recomputed() -> None:

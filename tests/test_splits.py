@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ngfsi_studies import splits
 
-from ngfsi import study
 from ngfsi.errors import SolverError
-from studies import splits
+from ngfsi.study import engine as study
 
 
 def test_every_split_computes_all_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,11 +25,11 @@ def test_the_command_line_answers_without_libraries() -> None:
 @pytest.mark.parametrize(
     "modules",
     [
-        "ngfsi.run, geometry.calf, geometry.tube",  # a run, until it has a mesh
+        "ngfsi.run, ngfsi_geometry.calf, ngfsi_geometry.tube",  # a run, until it has a mesh
         "ngfsi.study",  # and its child processes
-        "ngfsi.meshing, geometry.calf",  # the process that meshes
-        "ngfsi.solve.crew",  # what other ranks do
-        "ngfsi.output.stored",  # reading results
+        "ngfsi.mesh.generate, ngfsi_geometry.calf",  # the process that meshes
+        "ngfsi.solve.worker",  # what other ranks do
+        "ngfsi.store.stored",  # reading results
     ],
 )
 def test_what_most_runs_need_not_is_not_loaded(modules: str) -> None:
@@ -42,7 +42,7 @@ def test_a_run_loads_what_it_measures_with_before_it_takes_the_time() -> None:
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-import ngfsi.run
+import ngfsi.run.computation
 from tests.test_resume import CASE
 
 def solve(self, domain, stops, *, quiet):
@@ -50,8 +50,8 @@ def solve(self, domain, stops, *, quiet):
     whole(self, domain, stops, quiet=quiet)
     print(*{name.partition(".")[0] for name in set(sys.modules) - known} & {"pyvista", "scipy"})
 
-whole, ngfsi.run.Computation._solve = ngfsi.run.Computation._solve, solve
+whole, ngfsi.run.computation.Computation._solve = ngfsi.run.computation.Computation._solve, solve
 with TemporaryDirectory() as folder:
-    ngfsi.run.run(CASE.replace(**{"time.end": 0.05}), Path(folder) / "run", quiet=True)
+    ngfsi.run.computation.run(CASE.replace(**{"time.end": 0.05}), Path(folder) / "run", quiet=True)
 """
     assert loaded(code, "matplotlib", "meshio", "plotly", "SimpleITK", "scipy.stats") == set()

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-import ngfsi.stops
+import ngfsi.run.interrupts
 from ngfsi import cli
 from ngfsi.errors import Interrupted, StoppedError
-from ngfsi.output import open_run
-from ngfsi.run import Computation, run
-from ngfsi.stops import Stops
+from ngfsi.run.computation import Computation, run
+from ngfsi.run.interrupts import Stops
+from ngfsi.store import open_run
 from tests.test_resume import CASE
 
 SHORT = CASE.replace(**{"time.end": 0.15})
@@ -55,7 +55,7 @@ def test_requests(
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     Path("case.toml").write_text(SHORT.to_toml())
-    before = [signal.getsignal(number) for number in ngfsi.stops.SIGNALS]
+    before = [signal.getsignal(number) for number in ngfsi.run.interrupts.SIGNALS]
     with monkeypatch.context() as patch:
         after_step_2(request_)
         with pytest.raises(SystemExit) as ended:
@@ -67,7 +67,7 @@ def test_requests(
     assert (open_run("out").status, open_run("out").manifest["reason"]) == ("interrupted", reason)
     assert open_run("out").series["time_s"].tolist() == [0, 0.05, 0.1]
     assert not Path("out/STOP").exists()
-    assert [signal.getsignal(number) for number in ngfsi.stops.SIGNALS] == before
+    assert [signal.getsignal(number) for number in ngfsi.run.interrupts.SIGNALS] == before
     with pytest.raises(SystemExit) as ended:
         cli.main(["resume", "out", "--quiet"])
     assert ended.value.code == 0
@@ -93,7 +93,7 @@ def test_signals_before_the_first_step_end_at_once(tmp_path: Path, monkeypatch: 
         signal.raise_signal(signal.SIGTERM)
         raise AssertionError
 
-    monkeypatch.setattr("ngfsi.run.initial_state", interrupted)
+    monkeypatch.setattr("ngfsi.run.computation.initial_state", interrupted)
     with pytest.raises(Interrupted, match=r"^interrupted by SIGTERM: go on with `ngfsi resume"):
         run(SHORT, tmp_path / "run", quiet=True)
     assert open_run(tmp_path / "run").status == "interrupted"
@@ -102,7 +102,7 @@ def test_signals_before_the_first_step_end_at_once(tmp_path: Path, monkeypatch: 
 def test_time_on_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run ends before a step as long as the longest so far would pass the limit."""
     now = 100.0
-    monkeypatch.setattr(ngfsi.stops, "perf_counter", lambda: now)
+    monkeypatch.setattr(ngfsi.run.interrupts, "perf_counter", lambda: now)
     stops = Stops(tmp_path / "STOP", max_wall=60.0)
     for seconds in (5.0, 20.0, 10.0):
         now += seconds

@@ -16,16 +16,18 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_studies import compare_tissues, tissue_accuracy, tissue_figures, tissue_findings
+from ngfsi_studies.tissue_findings import find
 
-from geometry.segment import MeshSettings
-from ngfsi import cli, study
+from ngfsi import cli, process
 from ngfsi.case import Case
 from ngfsi.errors import CaseError, NgfsiError, StoppedError
-from ngfsi.output import RunFolder, open_run
+from ngfsi.report.tables import markdown_table
 from ngfsi.run import run as compute
-from ngfsi.study import Outcome, Study, markdown_table, run_cases, run_study
-from studies import compare_tissues, tissue_accuracy, tissue_figures, tissue_findings
-from studies.tissue_findings import find
+from ngfsi.store import RunFolder, open_run
+from ngfsi.study import Outcome, Study, run_cases, run_study
+from ngfsi.study import engine as study
 from tests.output.fake import CASE, INFLATION, fake_run
 from tests.test_resume import CASE as RESUMED
 
@@ -210,10 +212,7 @@ def test_interrupted_children_are_asked_twice_then_killed(tmp_path: Path, monkey
 
 def test_the_child_process_says_why_it_failed(tmp_path: Path) -> None:
     (tmp_path / "case.toml").write_text("name = 3")
-    child = subprocess.run(
-        [sys.executable, "-m", "ngfsi.study", str(tmp_path / "case.toml"), str(tmp_path / "run")],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    child = process.call("ngfsi.study.engine:main", tmp_path / "case.toml", tmp_path / "run")
     assert child.returncode == 2
     assert "case.toml: " in child.stderr.splitlines()[-1]
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 
-from ngfsi.design import sobol
 from ngfsi.errors import CaseError
-from ngfsi.surrogate import Surrogate
+from ngfsi.study.design import sobol
+from ngfsi.study.surrogate import Surrogate
 
 RANGES = {"a": (0.0, 10.0), "b": (-1.0, 1.0), "idle": (5.0, 6.0)}
 

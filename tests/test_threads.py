@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ngfsi.output import open_run
+from ngfsi.parallel.ranks import ALONE, LAUNCHERS, threads, world
 from ngfsi.run import run
-from ngfsi.world import ALONE, LAUNCHERS, threads, world
+from ngfsi.store import open_run
 from tests.test_resume import CASE
 
 SHORT = CASE.replace(**{"time.end": 0.1})

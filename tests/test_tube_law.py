@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ngfsi.analysis.tube_law import LAWS, TubeLaw, fit
 from ngfsi.errors import SolverError
-from ngfsi.tube_law import LAWS, TubeLaw, fit
 
 AREA, STIFFNESS = 9e-5, 8e3
 PRESSURES = np.linspace(-2000.0, 1300.0, 15)

@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import simpson
 from scipy.special import jv
 
+from ngfsi.analysis.tube_law import LAWS, TubeLaw
+from ngfsi.analysis.vein_1d import RATES, CollapsibleVein
 from ngfsi.errors import SolverError
-from ngfsi.tube_law import LAWS, TubeLaw
-from ngfsi.vein_1d import RATES, CollapsibleVein
 
 LENGTH, AREA, DENSITY, VISCOSITY, FLOW = 0.12, 9e-5, 1060.0, 3.5e-3, 2.9e-6
 CELLS = 60

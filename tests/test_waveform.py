@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngfsi.errors import CaseError
-from ngfsi.waveform import ensemble
+from ngfsi.identify.waveform import ensemble
 
 
 def breath(phase: np.ndarray) -> np.ndarray:

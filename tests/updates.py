@@ -6,17 +6,17 @@ from pathlib import Path
 
 import ngsolve as ng
 import numpy as np
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_studies.linear_solvers import at_rest
 from numpy.typing import NDArray
 
-from geometry.segment import MeshSettings
 from ngfsi.case import Case
-from ngfsi.solve import multigrid
-from ngfsi.solve.backends import Name
-from ngfsi.solve.crew import shares
-from ngfsi.solve.linear import Factorisation
-from ngfsi.solve.system import System
-from ngfsi.world import World
-from studies.linear_solvers import at_rest
+from ngfsi.linear import multigrid
+from ngfsi.linear.backends import Name
+from ngfsi.linear.factorisation import Factorisation
+from ngfsi.parallel.ranks import World
+from ngfsi.solve.worker import shares
+from ngfsi.system.system import System
 from tests.vein import BONED, case_of, domain_of, randomise
 
 TOLERANCE = 1e-6

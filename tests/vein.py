@@ -9,21 +9,21 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
+from ngfsi_geometry.plane import Circle
+from ngfsi_geometry.segment import MeshSettings, VeinSegment
+from ngfsi_geometry.tube import TubeSegment
 from numpy.typing import NDArray
 
-from geometry.plane import Circle
-from geometry.segment import MeshSettings, VeinSegment
-from geometry.tube import TubeSegment
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, TimeStepping
-from ngfsi.curves import FlowConstant, PressureConstant
-from ngfsi.domain import Domain
+from ngfsi.config.functions import FlowConstant, PressureConstant
+from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean, Newtonian, load_set
-from ngfsi.meshing import MeshReport, quiet
-from ngfsi.solve.backends import choose_backend
+from ngfsi.mesh.domain import Domain
+from ngfsi.mesh.generate import MeshReport, quiet
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
-from ngfsi.solve.system import System
-from ngfsi.solve.unknowns import BLOCKS
+from ngfsi.system.system import System
+from ngfsi.system.unknowns import BLOCKS
 from tests.slopes import slope
 
 Array = NDArray[np.float64]

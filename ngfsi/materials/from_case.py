@@ -12,13 +12,13 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ValidationInfo
 from pydantic_core import PydanticCustomError
 
-from ngfsi.complaint import key_error
+from ngfsi.config.messages import key_error
+from ngfsi.config.model import choose_tagged, keys_of
 from ngfsi.errors import unknown
+from ngfsi.materials.fluid.newtonian import Newtonian
 from ngfsi.materials.law import Law, SolidLaw
-from ngfsi.materials.newtonian import Newtonian
 from ngfsi.materials.parameter_sets import available_sets, label_of, read_set
 from ngfsi.materials.registry import FLUID_LAWS, SOLID_LAWS
-from ngfsi.section import choose_tagged, keys_of
 
 
 def _solid(value: Any, info: ValidationInfo) -> Any:

@@ -12,10 +12,10 @@ from typing import ClassVar
 from ngsolve import CoefficientFunction, Cof, InnerProduct
 from pydantic import Field
 
+from ngfsi.config.model import Section
 from ngfsi.errors import MaterialError, NgfsiError
-from ngfsi.materials import moduli
-from ngfsi.materials.strain import Invariants, right_cauchy_green
-from ngfsi.section import Section
+from ngfsi.materials.solid import moduli
+from ngfsi.materials.solid.strain import Invariants, right_cauchy_green
 from ngfsi.units import Density
 
 Pair = tuple[CoefficientFunction, CoefficientFunction]

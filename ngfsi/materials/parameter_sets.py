@@ -13,10 +13,10 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from ngfsi.config.model import Section
 from ngfsi.errors import MaterialError, unknown
 from ngfsi.materials.law import Law
 from ngfsi.materials.registry import laws
-from ngfsi.section import Section
 from ngfsi.units import Pressure
 
 FOLDER = files("ngfsi.materials") / "sets"

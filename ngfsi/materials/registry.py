@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from ngfsi.materials.compressible_neo_hookean import CompressibleNeoHookean
-from ngfsi.materials.hencky import Hencky
+from ngfsi.materials.fluid.newtonian import Newtonian
 from ngfsi.materials.law import Law, SolidLaw
-from ngfsi.materials.mooney_rivlin import MooneyRivlin
-from ngfsi.materials.neo_hookean import NeoHookean
-from ngfsi.materials.newtonian import Newtonian
-from ngfsi.materials.saint_venant_kirchhoff import SaintVenantKirchhoff
+from ngfsi.materials.solid.compressible_neo_hookean import CompressibleNeoHookean
+from ngfsi.materials.solid.hencky import Hencky
+from ngfsi.materials.solid.mooney_rivlin import MooneyRivlin
+from ngfsi.materials.solid.neo_hookean import NeoHookean
+from ngfsi.materials.solid.saint_venant_kirchhoff import SaintVenantKirchhoff
 
 SOLID_LAWS: tuple[type[SolidLaw], ...] = (
     MooneyRivlin,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ngfsi.materials.fluid.newtonian import Newtonian
 from ngfsi.materials.law import SolidLaw
-from ngfsi.materials.newtonian import Newtonian
 from ngfsi.materials.parameter_sets import ParameterSet, available_sets, read_set
 
 MISMATCH = 0.01

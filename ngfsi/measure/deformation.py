@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from ngfsi.measure.ellipticity import Ellipticity, extreme
 from ngfsi.physics.kinematics import Kinematics, in_space
-from ngfsi.solve.forms import rules
-from ngfsi.solve.system import System
+from ngfsi.system.forms import rules
+from ngfsi.system.system import System
 from ngfsi.units import from_si
 
 SHOWN = "mm"

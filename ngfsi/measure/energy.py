@@ -15,10 +15,10 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import InnerProduct
 
-from ngfsi.domain import Domain
+from ngfsi.mesh.domain import Domain
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 
 
 class Energy:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 
 Array = NDArray[np.float64]
 

@@ -8,15 +8,15 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import Id, InnerProduct
 
-from ngfsi.domain import Vein
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
 from ngfsi.measure.wall import ShearStatistics, Wall
+from ngfsi.mesh.domain import Vein
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 
 INTEGRATE = 5
 """Order of NGSolve's `Integrate` for a sum of integrals."""

@@ -11,8 +11,8 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.domain import Vein
-from ngfsi.solve.system import System
+from ngfsi.mesh.domain import Vein
+from ngfsi.system.system import System
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 from ngsolve import Inv
 
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.system import System
-from ngfsi.solve.unknowns import same_functions
+from ngfsi.system.system import System
+from ngfsi.system.unknowns import same_functions
 
 
 class Side:

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from ngfsi.errors import SolverError
-from ngfsi.solve.backends import BACKENDS, choose_backend
-from ngfsi.solve.forms import tangent_form
-from ngfsi.solve.sparse import csr
-from ngfsi.solve.system import System
+from ngfsi.linear.backends import BACKENDS, choose_backend
+from ngfsi.system.forms import tangent_form
+from ngfsi.system.sparse import csr
+from ngfsi.system.system import System
 
 Array = NDArray[np.float64]
 

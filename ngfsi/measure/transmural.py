@@ -7,10 +7,10 @@ import numpy as np
 from ngsolve import InnerProduct
 from numpy.typing import NDArray
 
-from ngfsi.domain import Vein
 from ngfsi.measure.side import Side
+from ngfsi.mesh.domain import Vein
 from ngfsi.physics import terms
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.system import System
-from ngfsi.solve.unknowns import same_functions
+from ngfsi.system.system import System
+from ngfsi.system.unknowns import same_functions
 
 Array = NDArray[np.float64]
 Method = Literal["gradient", "consistent"]

@@ -1,1 +1,1 @@
-"""Unknowns, the coupled system, Newton's method, time schemes and the time loop."""
+"""Newton's method, states at t = 0, the time loop, equilibrium of plane sections, and ranks other than 0."""

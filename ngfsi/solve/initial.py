@@ -9,11 +9,11 @@ import numpy as np
 from ngsolve import GridFunction, Id, Inv
 
 from ngfsi.errors import SolverError
-from ngfsi.solve.backends import Name
-from ngfsi.solve.forms import tangent_form
-from ngfsi.solve.linear import Factorisation
+from ngfsi.linear.backends import Name
+from ngfsi.linear.factorisation import Factorisation
 from ngfsi.solve.newton import Newton
-from ngfsi.solve.system import System
+from ngfsi.system.forms import tangent_form
+from ngfsi.system.system import System
 
 Say = Callable[[str], None]
 """Takes lines for the log."""

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
-from ngfsi.solve.backends import Name
-from ngfsi.solve.linear import Factorisation
-from ngfsi.solve.system import System, Vector
+from ngfsi.linear.backends import Name
+from ngfsi.linear.factorisation import Factorisation
+from ngfsi.system.system import System, Vector
 
 SLOW = 12
 PATIENCE = 4

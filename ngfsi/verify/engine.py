@@ -183,7 +183,7 @@ def benchmarks() -> dict[str, ModuleType]:
         OutputError: there is no clone around the engine to hold them.
     """
     try:
-        package = import_module("studies.verification")
+        package = import_module("ngfsi_studies.verification")
     except ModuleNotFoundError:
         raise OutputError(needs_clone("benchmarks")) from None
     modules = (import_module(f"{package.__name__}.{info.name}") for info in iter_modules(package.__path__))
@@ -192,7 +192,7 @@ def benchmarks() -> dict[str, ModuleType]:
 
 def not_verified() -> str:
     """Return what the benchmarks leave open."""
-    return str(import_module("studies.verification").NOT_VERIFIED)
+    return str(import_module("ngfsi_studies.verification").NOT_VERIFIED)
 
 
 def chosen(names: Iterable[str]) -> dict[str, ModuleType]:

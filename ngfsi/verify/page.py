@@ -8,10 +8,10 @@ from pathlib import Path
 
 from rich.table import Table
 
-from ngfsi.output.disk import explained
-from ngfsi.output.figures import Convergence, convergence, signals_over_time
-from ngfsi.output.provenance import versions
-from ngfsi.study import markdown_table
+from ngfsi.report.figures import Convergence, convergence, signals_over_time
+from ngfsi.report.tables import markdown_table
+from ngfsi.store.disk import explained
+from ngfsi.store.provenance import versions
 from ngfsi.verify.engine import Result, Row, not_verified
 
 HEAD = ("quantity", "computed", "reference", "error", "allowed", "observed order", "expected", "")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ngfsi.calibrate.section import Model, area_loss, calibrate, curve, identify
 from ngfsi.case import Case, Conditions, Materials
-from ngfsi.displacement import OutlineDisplacement
 from ngfsi.errors import MaterialError
+from ngfsi.identify.section import Model, area_loss, calibrate, curve, identify
 from ngfsi.materials import load_set
-from ngfsi.outline import Outline
-from ngfsi.statics import section_case
+from ngfsi.outlines.displacement import OutlineDisplacement
+from ngfsi.outlines.outline import Outline
+from ngfsi.solve.statics import section_case
 from tests.solve.test_statics import INNER, OUTER, Ring
 from tests.vein import domain_of
 

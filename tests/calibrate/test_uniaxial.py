@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ngfsi.calibrate.uniaxial import fit, nominal_stress, read_test
 from ngfsi.errors import MaterialError
+from ngfsi.identify.uniaxial import fit, nominal_stress, read_test
 
 CONSTANTS = np.array([13.1e3, -9.61e3, 8.86e3])
 STRETCH = 1 - np.linspace(0.01, 0.3, 30)

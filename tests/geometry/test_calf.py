@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ngfsi_geometry.calf import STILL, CalfSegment
+from ngfsi_geometry.segment import MeshSettings, VeinSegment
+from ngfsi_geometry.tube import BareTube, TubeSegment
 from ngsolve import BND, CF, H1, Grad, GridFunction, Integrate, Mesh, specialcf, x, y, z
 
-from geometry.calf import STILL, CalfSegment
-from geometry.segment import MeshSettings, VeinSegment
-from geometry.tube import BareTube, TubeSegment
-from ngfsi.domain import Domain
 from ngfsi.errors import GeometryError
-from ngfsi.meshing import MeshReport, shape_of
+from ngfsi.mesh.domain import Domain
+from ngfsi.mesh.generate import MeshReport, shape_of
 
 ELEMENTS = ("prism", "mixed", "tetrahedron")
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ngfsi_geometry.calf_section import SUBJECTS, CalfSection, Vein, subject
 
-from geometry.calf_section import SUBJECTS, CalfSection, Vein, subject
 from ngfsi.errors import GeometryError, OutputError
-from ngfsi.outline import Outline
+from ngfsi.outlines.outline import Outline
 from tests.vein import domain_of
 
 ANGLES = 2 * np.pi * np.arange(48) / 48

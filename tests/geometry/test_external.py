@@ -9,12 +9,12 @@ import meshio
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.external import ExternalMesh
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import TubeSegment
 
-from geometry.external import ExternalMesh
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
-from ngfsi.domain import Domain
 from ngfsi.errors import GeometryError
+from ngfsi.mesh.domain import Domain
 from tests.vein import domain_of
 
 KINDS = {4: "tetra", 6: "wedge", 8: "hexahedron"}

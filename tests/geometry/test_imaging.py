@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
+from ngfsi_geometry.calf_section import COMPARTMENTS, subject
+from ngfsi_geometry.imaging import LABELS, PIXEL, SLICE, LabelMap, phantom_stack
 
-from geometry.calf_section import COMPARTMENTS, subject
-from geometry.imaging import LABELS, PIXEL, SLICE, LabelMap, phantom_stack
 from ngfsi.errors import GeometryError
-from ngfsi.outline import Outline
+from ngfsi.outlines.outline import Outline
 from tests.vein import domain_of
 
 ONE = subject(1)

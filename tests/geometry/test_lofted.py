@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ngfsi_geometry.lofted import LoftedMesh, LoftedVein
 
-from geometry.lofted import LoftedMesh, LoftedVein
 from ngfsi.errors import GeometryError
-from ngfsi.outline import Outline
+from ngfsi.outlines.outline import Outline
 from tests.vein import domain_of
 
 MESH = LoftedMesh(around=12, layers=4, inlet_layers=3, lumen_radii=(0.8,), curving_order=3)

@@ -12,22 +12,22 @@ import ngsolve as ng
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
+from ngfsi_geometry.calf import CalfSegment
+from ngfsi_geometry.calf_section import subject
+from ngfsi_geometry.imaging import LABELS, LabelMap, phantom_stack
+from ngfsi_geometry.labelled import LabelledCalf
+from ngfsi_geometry.loft import coefficients, thickened
+from ngfsi_geometry.lofted_calf import PARTS, LoftedCalf
+from ngfsi_geometry.segment import MeshSettings
 
-from geometry.calf import CalfSegment
-from geometry.calf_section import subject
-from geometry.imaging import LABELS, LabelMap, phantom_stack
-from geometry.labelled import LabelledCalf
-from geometry.loft import coefficients, thickened
-from geometry.lofted_calf import PARTS, LoftedCalf
-from geometry.segment import MeshSettings
 from ngfsi import cli
 from ngfsi.case import Case
-from ngfsi.domain import Domain
+from ngfsi.config.model import Section
 from ngfsi.errors import GeometryError
-from ngfsi.outline import Outline
-from ngfsi.output import open_run
+from ngfsi.mesh.domain import Domain
+from ngfsi.outlines.outline import Outline
 from ngfsi.run import run
-from ngfsi.section import Section
+from ngfsi.store import open_run
 from tests.geometry.test_imaging import voxel_error
 from tests.vein import domain_of
 

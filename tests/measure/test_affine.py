@@ -15,7 +15,7 @@ from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.shape import Shape
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 from tests.vein import BLOOD, BONED, TISSUE, case_of, position, set_motion, system_of
 
 Array = NDArray[np.float64]

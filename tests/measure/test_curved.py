@@ -5,9 +5,9 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import TubeSegment
 
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.shape import Shape
 from tests.vein import case_of, position, set_motion, system_of

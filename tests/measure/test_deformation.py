@@ -9,7 +9,7 @@ import ngsolve as ng
 import pytest
 
 from ngfsi.measure.deformation import Deformation
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 from tests.vein import TISSUE, TUBE, WALL, case_of, system_of
 
 

@@ -7,19 +7,19 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import BareTube, TubeSegment
+from ngfsi_studies.verification.ring_buckling import REFERENCES
 
-from geometry.segment import MeshSettings
-from geometry.tube import BareTube, TubeSegment
 from ngfsi.case import Case, Discretisation, Loads, Materials, TimeStepping
-from ngfsi.curves import FlowConstant, PressureConstant
+from ngfsi.config.functions import FlowConstant, PressureConstant
+from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.shape import Shape
 from ngfsi.measure.stability import Stability, Stage
-from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
-from ngfsi.solve.system import System
-from studies.verification.ring_buckling import REFERENCES
+from ngfsi.system.system import System
 from tests.vein import BLOOD, BONED, case_of, position, set_motion, system_of
 
 LEVY = REFERENCES[0].value

@@ -5,15 +5,15 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import TubeSegment
 from numpy.typing import NDArray
 
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
-from ngfsi.curves import FlowConstant, PressureConstant
+from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.materials import CompressibleNeoHookean, SaintVenantKirchhoff
 from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 from tests.vein import BLOOD, TUBE, case_of, position, set_motion, steady, system_of
 
 INNER, WALL, OUTER, LENGTH = 5e-3, 1.5e-3, 12e-3, 20e-3

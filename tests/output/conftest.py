@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ngfsi.output.stored import StoredRun
+from ngfsi.store.stored import StoredRun
 from tests.output.fake import fake_run
 
 

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import ngsolve as ng
 import numpy as np
+from ngfsi_geometry.calf import CalfSegment
+from ngfsi_geometry.segment import MeshSettings
 from numpy.typing import NDArray
 
-from geometry.calf import CalfSegment
-from geometry.segment import MeshSettings
 from ngfsi.case import Case, Loads, Materials, Output, TimeStepping
-from ngfsi.curves import PressureRamp
-from ngfsi.domain import Domain
+from ngfsi.config.functions import PressureRamp
 from ngfsi.materials import load_set
 from ngfsi.measure.quantities import QUANTITIES
 from ngfsi.measure.wall import WallSample
-from ngfsi.output.fields import FieldWriter
-from ngfsi.output.folder import RunFolder
-from ngfsi.output.stored import StoredRun, open_run
+from ngfsi.mesh.domain import Domain
+from ngfsi.store.fields import FieldWriter
+from ngfsi.store.folder import RunFolder
+from ngfsi.store.stored import StoredRun, open_run
 from ngfsi.units import MMHG
 
 GEOMETRY = CalfSegment(mesh=MeshSettings(axial_layers=3, vein_size=5e-3, lumen_radii=(0.6,)))

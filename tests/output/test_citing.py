@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ngfsi.run
+import ngfsi.run.computation
 from ngfsi.materials import load_set
-from ngfsi.output import open_run
-from ngfsi.output.citing import SOFTWARE, citations, repeat_commands
-from ngfsi.output.stored import StoredRun
+from ngfsi.report.citing import SOFTWARE, citations, repeat_commands
+from ngfsi.store import open_run
+from ngfsi.store.stored import StoredRun
 from tests.output.fake import CASE as FAKE
 from tests.output.fake import fake_run
 from tests.test_resume import CASE, assert_same
@@ -24,7 +24,7 @@ SHORT = CASE.replace(**{"time.end": 0.1})
 
 @pytest.fixture(scope="module")
 def computed(tmp_path_factory: pytest.TempPathFactory) -> StoredRun:
-    return ngfsi.run.run(SHORT, tmp_path_factory.mktemp("a b") / "run", quiet=True)
+    return ngfsi.run.computation.run(SHORT, tmp_path_factory.mktemp("a b") / "run", quiet=True)
 
 
 def test_the_commands_repeat_the_run(computed: StoredRun) -> None:
@@ -42,7 +42,7 @@ def test_the_commands_repeat_the_run(computed: StoredRun) -> None:
 
 
 def test_checkpoints_do_not_change_the_results(computed: StoredRun, tmp_path: Path) -> None:
-    often = ngfsi.run.run(SHORT.replace(**{"output.checkpoint_every": 1}), tmp_path / "run", quiet=True)
+    often = ngfsi.run.computation.run(SHORT.replace(**{"output.checkpoint_every": 1}), tmp_path / "run", quiet=True)
     assert_same(often.path, computed.path)
 
 

@@ -8,15 +8,15 @@ import meshio
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.calf import CalfSegment
+from ngfsi_geometry.segment import MeshSettings
 
-from geometry.calf import CalfSegment
-from geometry.segment import MeshSettings
-from ngfsi.domain import Domain
 from ngfsi.errors import OutputError
-from ngfsi.output import RunFolder, open_run
-from ngfsi.output.export import export
-from ngfsi.output.fields import FieldWriter
-from ngfsi.output.stored import StoredRun
+from ngfsi.mesh.domain import Domain
+from ngfsi.store import RunFolder, open_run
+from ngfsi.store.export import export
+from ngfsi.store.fields import FieldWriter
+from ngfsi.store.stored import StoredRun
 from tests.output.fake import CASE, GEOMETRY, INFLATION, domain
 
 REST = ng.CF((0, 0, 0))

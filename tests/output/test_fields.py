@@ -9,13 +9,13 @@ import ngsolve as ng
 import numpy as np
 import pytest
 import pyvista as pv
+from ngfsi_geometry.calf import CalfSegment
+from ngfsi_geometry.segment import MeshSettings
 
-from geometry.calf import CalfSegment
-from geometry.segment import MeshSettings
-from ngfsi.domain import Domain
 from ngfsi.errors import OutputError
-from ngfsi.output.fields import DEFORMATION, STRESS, FieldWriter
-from ngfsi.output.stored import StoredRun
+from ngfsi.mesh.domain import Domain
+from ngfsi.store.fields import DEFORMATION, STRESS, FieldWriter
+from ngfsi.store.stored import StoredRun
 from tests.output.fake import GEOMETRY, INFLATION, domain, wall_sample
 
 

@@ -12,8 +12,8 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ngfsi.output import figures
-from ngfsi.output.figures import (
+from ngfsi.report import figures
+from ngfsi.report.figures import (
     COLOURS,
     Convergence,
     Effects,
@@ -27,7 +27,7 @@ from ngfsi.output.figures import (
     skin_pressures,
     time_series,
 )
-from ngfsi.output.stored import StoredRun
+from ngfsi.store.stored import StoredRun
 
 
 @pytest.fixture

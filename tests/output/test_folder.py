@@ -11,9 +11,9 @@ import pytest
 
 import ngfsi
 from ngfsi.errors import OutputError
-from ngfsi.output import RunFolder, open_run
-from ngfsi.output.provenance import commit
-from ngfsi.output.table import TableWriter, read_table, write_parquet, write_rows
+from ngfsi.store import RunFolder, open_run
+from ngfsi.store.provenance import commit
+from ngfsi.store.table import TableWriter, read_table, write_parquet, write_rows
 from tests.output.fake import CASE
 
 
@@ -168,6 +168,6 @@ def test_a_whole_table_as_csv_and_parquet(tmp_path: Path, monkeypatch: pytest.Mo
     found = pytest.importorskip("pyarrow.parquet").read_table(tmp_path / "t.parquet")
     assert found.to_pydict() == {"case": ['a, "b"', "c"], "x_m": [1 / 3, None], "run": ["0a", "0b"]}
     assert str(found.schema.field("x_m").type) == "double"
-    monkeypatch.setattr("ngfsi.output.table.find_spec", lambda _: None)
+    monkeypatch.setattr("ngfsi.store.table.find_spec", lambda _: None)
     assert not write_parquet(tmp_path / "none.parquet", rows)
     assert not (tmp_path / "none.parquet").exists()

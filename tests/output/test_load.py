@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ngfsi.output.load import Surroundings, transmission
-from ngfsi.output.stored import StoredRun
+from ngfsi.analysis.transmission import Surroundings, transmission
+from ngfsi.store.stored import StoredRun
 from tests.output.fake import GEOMETRY
 
 RADIUS = GEOMETRY.lumen_radius + GEOMETRY.wall_thickness

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from ngfsi.output import RunFolder
-from ngfsi.output.progress import Progress, Watch
+from ngfsi.run.progress import Progress, Watch
+from ngfsi.store import RunFolder
 from tests.output.fake import CASE
 
 

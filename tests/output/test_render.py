@@ -13,9 +13,9 @@ import PIL.Image
 import pytest
 
 from ngfsi.errors import OutputError
-from ngfsi.output import render
-from ngfsi.output.render import animation, displacement_picture, wall_shear_picture
-from ngfsi.output.stored import StoredRun
+from ngfsi.report import render
+from ngfsi.report.render import animation, displacement_picture, wall_shear_picture
+from ngfsi.store.stored import StoredRun
 
 
 def test_pictures(stored: StoredRun, tmp_path: Path) -> None:

@@ -17,11 +17,11 @@ import PIL.Image
 import pytest
 
 from ngfsi.errors import OutputError
-from ngfsi.output import charts
-from ngfsi.output import report as report_module
-from ngfsi.output.folder import RunFolder
-from ngfsi.output.report import figures, report
-from ngfsi.output.stored import StoredRun
+from ngfsi.report import charts
+from ngfsi.report import html as report_module
+from ngfsi.report.html import figures, report
+from ngfsi.store.folder import RunFolder
+from ngfsi.store.stored import StoredRun
 from tests.output.fake import CASE, GEOMETRY, fake_run
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")

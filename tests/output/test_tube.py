@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ngfsi.analysis.tube import Against, in_one_dimension, overall_error, tube_laws
+from ngfsi.analysis.tube_law import LAWS
 from ngfsi.case import Cuff
-from ngfsi.curves import PressureConstant
+from ngfsi.config.functions import PressureConstant
 from ngfsi.errors import OutputError
-from ngfsi.output.stored import StoredRun
-from ngfsi.output.tube import Against, in_one_dimension, overall_error, tube_laws
-from ngfsi.tube_law import LAWS
+from ngfsi.store.stored import StoredRun
 from tests.output.fake import INFLATION, unloaded_area
 
 LOSS, FULL = 0.25, INFLATION * unloaded_area()

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ngfsi.materials import CompressibleNeoHookean, MooneyRivlin, Newtonian
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.forms import Part, residual_form, tangent_form
+from ngfsi.system.forms import Part, residual_form, tangent_form
 from tests.slopes import slope
 
 Array = NDArray[np.float64]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ngfsi_geometry.channel import StraightChannel
 from numpy.typing import NDArray
 
-from geometry.channel import StraightChannel
 from ngfsi.case import Materials
-from ngfsi.curves import FlowConstant, PressureConstant, PressureRamp
+from ngfsi.config.functions import FlowConstant, PressureConstant, PressureRamp
 from ngfsi.errors import CaseError
 from tests.runs import Run, computed, largest_change
 from tests.solve.test_system import STEP

@@ -8,12 +8,12 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.segment import MeshSettings
 
-from geometry.segment import MeshSettings
 from ngfsi.case import Cuff
-from ngfsi.curves import FlowConstant, PressureConstant, PressureHarmonics, PressureRamp
+from ngfsi.config.functions import FlowConstant, PressureConstant, PressureHarmonics, PressureRamp
 from ngfsi.errors import CaseError
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 from tests.runs import computed, largest_change
 from tests.slopes import apply
 from tests.vein import TUBE, case_of, system_of

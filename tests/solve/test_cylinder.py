@@ -5,17 +5,17 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import TubeSegment
+from ngfsi_studies.verification.radial import Layer, inner_displacement, lame, stress_free_radius
 
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
-from ngfsi.curves import FlowConstant, PressureConstant
+from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.materials import (
     CompressibleNeoHookean,
     MooneyRivlin,
     SaintVenantKirchhoff,
     SolidLaw,
 )
-from studies.verification.radial import Layer, inner_displacement, lame, stress_free_radius
 from tests.vein import block, case_of, steady
 
 # ---------------------------------------------------------------- the reference itself

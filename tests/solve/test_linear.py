@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
-from ngfsi.solve import backends
-from ngfsi.solve.backends import Name, choose_backend, without_mkl
-from ngfsi.solve.linear import Factorisation
-from ngfsi.solve.system import System
-from ngfsi.solve.unknowns import BLOCKS
+from ngfsi.linear import backends
+from ngfsi.linear.backends import Name, choose_backend, without_mkl
+from ngfsi.linear.factorisation import Factorisation
+from ngfsi.system.system import System
+from ngfsi.system.unknowns import BLOCKS
 from tests.slopes import difference
 from tests.vein import BONED, block, case_of, randomise, steady, system_of
 

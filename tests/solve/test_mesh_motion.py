@@ -8,13 +8,13 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-from ngfsi.curves import PressureRamp
+from ngfsi.config.functions import PressureRamp
+from ngfsi.linear.backends import choose_backend
 from ngfsi.measure.deformation import Deformation
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
-from ngfsi.solve.system import System
-from ngfsi.solve.timeloop import TimeLoop
+from ngfsi.solve.time_loop import TimeLoop
+from ngfsi.system.system import System
 from tests.vein import TISSUE, TUBE, case_of, steady, system_of
 
 FINER = TUBE.replace(**{"mesh.element": "mixed", "mesh.lumen_radii": (0.6,)})

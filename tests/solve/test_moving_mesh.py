@@ -16,8 +16,8 @@ import pytest
 from numpy.typing import NDArray
 
 from ngfsi.materials import Newtonian
-from ngfsi.solve.forms import Part, residual_form
-from ngfsi.solve.system import System
+from ngfsi.system.forms import Part, residual_form
+from ngfsi.system.system import System
 from tests.slopes import apply
 from tests.vein import BONED, block, case_of, deformed, domain_of, position, randomise, rows
 

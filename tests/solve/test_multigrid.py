@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_studies.linear_solvers import at_rest, factorised, update
 from numpy.typing import NDArray
 
-from geometry.segment import MeshSettings
 from ngfsi.case import Case
 from ngfsi.errors import SolverError
+from ngfsi.linear import multigrid
+from ngfsi.linear.backends import Name, choose_backend
+from ngfsi.linear.factorisation import Factorisation
 from ngfsi.materials import CompressibleNeoHookean
-from ngfsi.solve import multigrid
-from ngfsi.solve.backends import Name, choose_backend
-from ngfsi.solve.linear import Factorisation
-from ngfsi.solve.system import System
-from ngfsi.solve.unknowns import BLOCKS
-from studies.linear_solvers import at_rest, factorised, update
+from ngfsi.system.system import System
+from ngfsi.system.unknowns import BLOCKS
 from tests.vein import BONED, block, case_of, randomise, steady, system_of
 
 Array = NDArray[np.float64]

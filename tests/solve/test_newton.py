@@ -13,11 +13,11 @@ from ngsolve import BaseVector, Parameter
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
+from ngfsi.parallel.ranks import ALONE
+from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.solve import newton as module
 from ngfsi.solve.newton import Mixing, Newton
-from ngfsi.solve.unknowns import BLOCKS
-from ngfsi.stopwatch import Stopwatch
-from ngfsi.world import ALONE
+from ngfsi.system.unknowns import BLOCKS
 
 Vector = NDArray[np.float64]
 

@@ -8,17 +8,17 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.channel import Beam, BeamInChannel, CylinderInChannel, CylinderMesh
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import BareTube
+from ngfsi_studies.verification.plane import case_of
 
-from geometry.channel import Beam, BeamInChannel, CylinderInChannel, CylinderMesh
-from geometry.segment import MeshSettings
-from geometry.tube import BareTube
 from ngfsi.case import Case, Materials
 from ngfsi.errors import CaseError, GeometryError, RegionError
 from ngfsi.materials import CompressibleNeoHookean, Newtonian
 from ngfsi.run import run
-from ngfsi.solve.system import System
-from ngfsi.solve.unknowns import Unknowns
-from studies.verification.plane import case_of
+from ngfsi.system.system import System
+from ngfsi.system.unknowns import Unknowns
 from tests.vein import column_slope, domain_of, randomise, rows
 
 BEAM = CompressibleNeoHookean(young=30e3, poisson=0.3, density=1060.0)

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.tube import TubeSegment
 
-from geometry.segment import MeshSettings
-from geometry.tube import TubeSegment
-from ngfsi.curves import PressureConstant
+from ngfsi.config.functions import PressureConstant
+from ngfsi.linear.backends import choose_backend
 from ngfsi.measure.probe import Probe
-from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.initial import steady_flow
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 from tests.slopes import apply
 from tests.vein import case_of, system_of
 

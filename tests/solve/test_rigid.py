@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ngfsi_geometry.lofted import LoftedMesh, LoftedVein
 
-from geometry.lofted import LoftedMesh, LoftedVein
-from ngfsi.curves import FlowConstant, FlowHarmonics
+from ngfsi.config.functions import FlowConstant, FlowHarmonics
+from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import Newtonian
 from ngfsi.measure.wall import Wall
-from ngfsi.rigid import pulsatile, rigid_case, steady
-from ngfsi.solve.backends import choose_backend
+from ngfsi.run.rigid import pulsatile, rigid_case, steady
 from ngfsi.solve.newton import Newton
-from ngfsi.solve.system import System
+from ngfsi.system.system import System
 from tests.geometry.test_lofted import ellipse
 from tests.vein import domain_of
 

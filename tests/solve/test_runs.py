@@ -7,16 +7,16 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi_studies.verification.balances import Smooth
 
 from ngfsi.case import Case, Solver
-from ngfsi.curves import FlowConstant, PressureConstant, PressureRamp
+from ngfsi.config.functions import FlowConstant, PressureConstant, PressureRamp
+from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import MooneyRivlin, NeoHookean, SolidLaw
 from ngfsi.measure.sections import Sections
-from ngfsi.solve.backends import choose_backend
 from ngfsi.solve.newton import Newton
-from ngfsi.solve.system import System
-from ngfsi.solve.timeloop import TimeLoop
-from studies.verification.balances import Smooth
+from ngfsi.solve.time_loop import TimeLoop
+from ngfsi.system.system import System
 from tests.conftest import SQUEEZED
 from tests.runs import Run, computed, largest_change
 from tests.slopes import apply

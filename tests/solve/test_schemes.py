@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ngfsi.solve.schemes import Weights, backward_euler, bdf2, weights
+from ngfsi.system.schemes import Weights, backward_euler, bdf2, weights
 
 STEPS = [(0.1, 0.1), (0.1, 0.05), (0.02, 0.1), (1.0, 1e-3)]
 

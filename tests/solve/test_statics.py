@@ -8,16 +8,16 @@ import ngsolve as ng
 import numpy as np
 import pytest
 from netgen.occ import Circle, Face, Glue, OCCGeometry, Pnt, Wire, Z
+from ngfsi_geometry.channel import PlaneMesh, PlaneSection
 from scipy.optimize import brentq
 
-from geometry.channel import PlaneMesh, PlaneSection
 from ngfsi.case import Case, Conditions, Materials
-from ngfsi.displacement import OutlineDisplacement
 from ngfsi.errors import CaseError
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.plane import PlaneSectionProbe
-from ngfsi.outline import Outline
-from ngfsi.statics import equilibrium, load_path, section_case
+from ngfsi.outlines.displacement import OutlineDisplacement
+from ngfsi.outlines.outline import Outline
+from ngfsi.solve.statics import equilibrium, load_path, section_case
 from tests.vein import domain_of
 
 LAW = CompressibleNeoHookean(young=12e3, poisson=0.4, density=1060.0)

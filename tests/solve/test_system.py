@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from ngfsi.physics import terms
-from ngfsi.solve.system import System
-from ngfsi.solve.unknowns import BLOCKS
+from ngfsi.system.system import System
+from ngfsi.system.unknowns import BLOCKS
 from tests.slopes import apply, difference
 from tests.vein import block, case_of, column_slope, deformed, position, randomise, rows, system_of
 

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from ngfsi.case import Case
-from ngfsi.curves import PressureRamp, PressureTable
+from ngfsi.config.functions import PressureRamp, PressureTable
 from ngfsi.errors import SolverError
 from ngfsi.solve.newton import Solution
-from ngfsi.solve.schemes import Weights, bdf2, share_of_error
-from ngfsi.solve.timeloop import History, Step, TimeLoop
+from ngfsi.solve.time_loop import History, Step, TimeLoop
+from ngfsi.system.schemes import Weights, bdf2, share_of_error
 from tests.vein import case_of
 
 Vector = NDArray[np.float64]

@@ -8,9 +8,9 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-from ngfsi.domain import Domain
 from ngfsi.errors import CaseError
-from ngfsi.solve.unknowns import BLOCKS, Unknowns
+from ngfsi.mesh.domain import Domain
+from ngfsi.system.unknowns import BLOCKS, Unknowns
 from tests.vein import BONED, TUBE, domain_of
 
 ENDS = ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outlet")

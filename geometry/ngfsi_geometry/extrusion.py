@@ -1,0 +1,123 @@
+"""Meshes of straight segments: a meshed plane section is extruded along z.
+
+Netgen's own way to prisms (`CloseSurfaces` and `ZRefinement`) identifies points of opposite planes and ends the
+process for unlucky dimensions. Here Netgen only triangulates (parts of) one section. The mesh carries a
+CSG geometry of its planes and cylinders, so `Curve(order)` puts it onto them, also after saving and loading. Normals
+of outer boundaries point out of the body, those of faces between regions away from the vein's axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import netgen.csg as csg
+import netgen.meshing as nm
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi_geometry.plane import Circle, Indices, Points, SectionMesh
+
+
+def extrude(section: SectionMesh, heights: Points, ends: Mapping[str, tuple[str, str]], split: bool) -> Any:
+    """Return the Netgen mesh of the section extruded through the heights z [m] (increasing, from 0).
+
+    Args:
+        ends: material -> boundary names of its faces at the first and at the last height.
+        split: tetrahedra instead of prisms (needs a section of triangles).
+
+    The mesh has names and a CSG geometry, and is straight until `Curve`.
+    """
+    layers, plane = len(heights) - 1, len(section.points)
+    mesh = nm.Mesh(dim=3)
+    in_plane = np.tile(section.points, (layers + 1, 1))
+    mesh.AddPoints(np.ascontiguousarray(np.column_stack([in_plane, np.repeat(heights, plane)])))
+    domains = {name: k for k, name in enumerate(dict.fromkeys(name for name, _ in section.cells), start=1)}
+    # Curve gives an edge shared by two faces the surface of the later one: planes first, so that rims become arcs
+    for name, domain in domains.items():
+        cells = [cell for material, cell in section.cells if material == name]
+        _add_face(mesh, ends[name][0], 0, (domain, 0), [cell[:, ::-1] for cell in cells])
+        _add_face(mesh, ends[name][1], 1, (domain, 0), [cell + layers * plane for cell in cells])
+    for surface, ring in enumerate(section.rings, start=2):
+        sides = domains.get(ring.inside or "", 0), domains.get(ring.outside or "", 0)
+        strip = np.column_stack((ring.nodes, np.roll(ring.nodes, -1)))
+        faces = np.vstack([_raise_edges(strip, k, plane, split) for k in range(layers)])
+        if ring.inside is None:
+            sides, faces = sides[::-1], faces[:, ::-1]
+        _add_face(mesh, ring.circle.name, surface, sides, [faces])
+    for surface, side in enumerate(section.sides, start=2 + len(section.rings)):
+        faces = np.vstack([_raise_edges(side.edges, k, plane, split) for k in range(layers)])
+        _add_face(mesh, side.name, surface, (domains[side.material], 0), [faces])
+    for name, cell in section.cells:
+        mesh.SetMaterial(domains[name], name)
+        bodies = np.vstack([_raise_cells(cell, k, plane, split) for k in range(layers)])
+        mesh.AddElements(dim=3, index=domains[name], data=np.ascontiguousarray(bodies), base=0)
+    geometry = csg_surfaces([ring.circle for ring in section.rings], float(heights[-1]))
+    for side in section.sides:
+        begin, end = section.points[side.edges[0]]
+        outwards = csg.Vec(end[1] - begin[1], begin[0] - end[0], 0)
+        geometry.Add(csg.Plane(csg.Pnt(*begin, 0), outwards))
+    mesh.SetGeometry(geometry)
+    return mesh
+
+
+def _raise_edges(edges: Indices, layer: int, plane: int, split: bool) -> Indices:
+    """Return the faces over directed edges (m, 2) in a layer, normals to the right of the edges."""
+    a, b = (edges + layer * plane).T
+    c, d = b + plane, a + plane
+    if not split:
+        return np.column_stack((a, b, c, d))
+    up = (a < b)[:, None]  # the diagonal starts at the smaller number, as in _raise_cells
+    first = np.where(up, np.column_stack((a, b, c)), np.column_stack((a, b, d)))
+    second = np.where(up, np.column_stack((a, c, d)), np.column_stack((b, c, d)))
+    return np.vstack((first, second))
+
+
+def _raise_cells(cells: Indices, layer: int, plane: int, split: bool) -> Indices:
+    """Return the prisms or hexahedra over cells in a layer, or the tetrahedra of Kuhn's split of the prisms.
+
+    Netgen numbers the vertices of a solid element such that its lower face is clockwise seen from above.
+    """
+    low = cells[:, ::-1] + layer * plane
+    if not split:
+        return np.hstack((low, low + plane))
+    a, b, c = np.sort(low, axis=1).T
+    parts = (a, b, c, c + plane), (a, b + plane, b, c + plane), (a, a + plane, b + plane, c + plane)
+    tetrahedra = np.vstack([np.column_stack(part) for part in parts])
+    odd = np.tile(_odd(low), len(parts))[:, None]
+    return np.where(odd, tetrahedra[:, [1, 0, 2, 3]], tetrahedra)
+
+
+def _odd(triangles: Indices) -> NDArray[np.bool_]:
+    """Return which triangles are odd permutations of their sorted numbers."""
+    a, b, c = triangles.T
+    return np.asarray((a > b) ^ (b > c) ^ (a > c))
+
+
+def _add_face(mesh: Any, name: str, surface: int, domains: tuple[int, int], elements: Sequence[Indices]) -> None:
+    """Add surface elements as a new named face; domains: behind and before it along its normal."""
+    number = mesh.GetNFaceDescriptors() + 1
+    index = mesh.Add(nm.FaceDescriptor(surfnr=surface, domin=domains[0], domout=domains[1], bc=number))
+    mesh.SetBCName(number - 1, name)
+    for part in elements:
+        mesh.AddElements(dim=2, index=index, data=np.ascontiguousarray(part, dtype=np.int32), base=0)
+
+
+def csg_surfaces(circles: Sequence[Circle], length: float) -> Any:
+    """Return a CSG geometry of the planes z = 0 (surface 0) and z = length (1) and one cylinder per circle (2, ...)."""
+    geometry = csg.CSGeometry()
+    geometry.Add(csg.Plane(csg.Pnt(0, 0, 0), csg.Vec(0, 0, -1)))
+    geometry.Add(csg.Plane(csg.Pnt(0, 0, length), csg.Vec(0, 0, 1)))
+    for circle in circles:
+        axis = csg.Pnt(circle.x, circle.y, 0), csg.Pnt(circle.x, circle.y, length)
+        geometry.Add(csg.Cylinder(*axis, circle.radius))
+    return geometry
+
+
+def layer_heights(length: float, layers: int, end_refinement: float) -> Points:
+    """Return the z of layer boundaries; layers at the ends are `end_refinement` times thinner than at mid-length."""
+    from_middle = np.abs(2 * (np.arange(layers) + 0.5) / layers - 1)
+    steps = end_refinement**-from_middle
+    heights: Points = np.concatenate([[0.0], np.cumsum(steps)]) * length / steps.sum()
+    heights[-1] = length
+    return heights

@@ -1,0 +1,442 @@
+"""Between images and geometries: outlines of the labels of a segmented image, and synthetic images with known truth.
+
+Images in files lie in the patient's axes: they are turned such that rows run lateral, columns anterior and slices
+proximal, as of a right leg. What then is left of an oblique direction matrix is a rotation of the whole stack, which
+changes no area, and the stack is taken in its own axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from contourpy import contour_generator
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, binary_fill_holes, binary_opening, gaussian_filter, label
+from scipy.optimize import brentq
+
+from ngfsi.errors import GeometryError, unknown
+from ngfsi.outlines.outline import Outline
+from ngfsi.units import from_si, to_si
+from ngfsi_geometry.calf_section import COMPARTMENTS, NARROWEST_GAP, CalfSection, Vein
+from ngfsi_geometry.lofted import LoftedVein
+from ngfsi_geometry.lofted_calf import FEWEST, PARTS, LoftedCalf, Stack
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PIXEL = 0.625e-3
+"""Pixel size of the source study's images, m."""
+SLICE = 2e-3
+"""Distance of the source study's slices, m."""
+MARGIN = 5e-3
+SUB = 3
+GREY = {"skin": 100.0, "tibia": -80.0, "fibula": -80.0, "lumen": 60.0}
+"""Grey values, added up from outside inwards."""
+LABELS = {
+    "skin": 1, "fat": 2, "anterior": 9, "lateral": 10, "superficial_posterior": 11, "deep_posterior": 12,
+    "tibia": 3, "fibula": 4, "lumen": 5, "lumen_2": 6, "lumen_3": 7, "lumen_4": 8,
+}  # fmt: skip
+"""Numbers in a label map, each of the voxels that lie in none of the parts inside of it; from outside inwards."""
+SEPTUM, OVERLAP, BLUNT = 1, 3, 2
+"""Pixels by which a compartment stays away from others, and by which its outline reaches into bones and veins, whose
+own outlines then are its border; half of the width of what is too thin to count as part of it."""
+
+AXES = "RAS"
+"""SimpleITK's code of axes that run lateral (of a right leg), anterior and proximal."""
+SMOOTHING = 0.7
+"""Width (standard deviation) of the filter that takes the stairs off a mask, in pixels, the larger ones if unequal."""
+FEWEST_PIXELS = 9
+FEWEST_POINTS, MOST_POINTS = 16, 240
+LARGEST_AREA_ERROR = 0.05
+"""Relative; outlines of parts that fall to pieces when smoothed have more."""
+EVEN = 0.01
+"""Relative difference of slice distances that counts as even."""
+
+
+def phantom(outlines: Mapping[str, Outline], frame: Outline, pixel: float = PIXEL) -> Any:
+    """Return a SimpleITK image (mm) of outlines by name: pixels take the share of each that they cover.
+
+    Args:
+        outlines: skin, and any of tibia, fibula, lumen.
+        frame: outline that the image holds with a margin; the same frame makes images of one grid.
+        pixel: size of the pixels, m.
+    """
+    import SimpleITK as sitk  # noqa: N813 - its usual name
+
+    corner, shares = _shares(outlines, frame, pixel)
+    image = sitk.GetImageFromArray(_grey(shares))
+    image.SetSpacing([from_si(pixel, "mm")] * 2)
+    image.SetOrigin([from_si(float(c), "mm") for c in corner])
+    return image
+
+
+def phantom_stack(
+    slices: Sequence[Mapping[str, Outline]], frame: Outline, pixel: float = PIXEL, distance: float = SLICE
+) -> tuple[Any, Any]:
+    """Return a label map and a grey image of a stack of sections, SimpleITK images (mm) in the patient's axes.
+
+    Args:
+        slices: outlines of each section by name, of those in LABELS, from distal to proximal; the first at z = 0.
+        frame: as of `phantom`.
+        pixel: size of the pixels, m.
+        distance: from one slice to the next, m.
+    """
+    import SimpleITK as sitk  # noqa: N813 - its usual name
+
+    sections = [_shares(outlines, frame, pixel) for outlines in slices]
+    (x, y), (rows, columns) = sections[0][0], next(iter(sections[0][1].values())).shape
+    numbers = np.zeros((len(sections), rows, columns), dtype=np.uint8)
+    for layer, (_, shares) in zip(numbers, sections, strict=True):
+        for name in sorted(shares, key=list(LABELS).index):
+            layer[shares[name] > 0.5] = LABELS[name]
+    grey = np.stack([_grey(shares) for _, shares in sections]).astype(np.float32)
+    images = sitk.GetImageFromArray(numbers), sitk.GetImageFromArray(grey)
+    for image in images:
+        # SimpleITK's patient axes run left, posterior, up
+        image.SetDirection([-1, 0, 0, 0, -1, 0, 0, 0, 1])
+        image.SetSpacing([from_si(pixel, "mm")] * 2 + [from_si(distance, "mm")])
+        image.SetOrigin([-from_si(float(x), "mm"), -from_si(float(y), "mm"), 0.0])
+    return images
+
+
+def _shares(outlines: Mapping[str, Outline], frame: Outline, pixel: float) -> tuple[Array, dict[str, Array]]:
+    """Return the centre (2,) [m] of the first pixel, and for each outline the share of each pixel inside of it."""
+    low, high = frame.points.min(axis=0) - MARGIN, frame.points.max(axis=0) + MARGIN
+    size = np.ceil((high - low) / pixel).astype(int)
+    fine = pixel / SUB
+    x = low[0] + fine * (np.arange(SUB * size[0]) + 0.5)
+    y = low[1] + fine * (np.arange(SUB * size[1]) + 0.5)
+    blocks = size[1], SUB, size[0], SUB
+    inside = {name: outline.covers(x, y).reshape(blocks) for name, outline in outlines.items()}
+    return low + pixel / 2, {name: mask.mean(axis=(1, 3)) for name, mask in inside.items()}
+
+
+def _grey(shares: Mapping[str, Array]) -> Array:
+    """Return grey values: all veins are as bright, what has no value of its own is as what is around it."""
+    return np.asarray(sum(GREY.get(_kind(name), 0.0) * share for name, share in shares.items()))
+
+
+def _kind(name: str) -> str:
+    return "lumen" if name.startswith("lumen") else name
+
+
+@dataclass(frozen=True)
+class LabelMap:
+    """A segmented image in the axes of the geometries: x lateral, y anterior, z proximal.
+
+    Attributes:
+        numbers: label of each voxel, shape (slices, rows along y, columns along x); 0: outside of the leg.
+        origin, spacing: centre of the first voxel, and distances of the voxels, (x, y, z) [m].
+        labels: name -> number in the image: skin (what is in nothing else), tibia, fibula, fat, lumen, lumen_2, ...
+    """
+
+    numbers: NDArray[np.int64]
+    origin: tuple[float, float, float]
+    spacing: tuple[float, float, float]
+    labels: Mapping[str, int]
+
+    @classmethod
+    def read(cls, path: Path, labels: Mapping[str, int] = LABELS) -> Self:
+        """Return the label map in a file (NIfTI, NRRD, MetaImage ...) or in a folder with one DICOM series.
+
+        Raises:
+            GeometryError: there is no such image, its voxels hold no whole numbers, or slices are missing.
+        """
+        try:
+            return cls.of_image(read_image(path), labels)
+        except GeometryError as error:
+            raise GeometryError(f"'{path}': {error}") from None
+
+    @classmethod
+    def of_image(cls, image: Any, labels: Mapping[str, int] = LABELS) -> Self:
+        """Return the label map in a SimpleITK image (mm).
+
+        Raises:
+            GeometryError: it has not three dimensions, or its voxels hold no whole numbers.
+        """
+        import SimpleITK as sitk  # noqa: N813 - its usual name
+
+        image = _oriented(image)
+        values = sitk.GetArrayFromImage(image)
+        if not np.array_equal(values, np.round(values)):
+            raise GeometryError("the voxels hold fractions, so it is no label map: give the segmentation of the image")
+        for name in labels:
+            if _kind(name) not in LABELS:
+                raise GeometryError(unknown("name of a label", name, LABELS))
+        turn = np.reshape(image.GetDirection(), (3, 3))
+        origin = turn.T @ image.GetOrigin()
+        x, y, z = (to_si(float(length), "mm") for length in origin)
+        dx, dy, dz = (to_si(float(length), "mm") for length in image.GetSpacing())
+        return cls(values.astype(np.int64), (x, y, z), (dx, dy, dz), dict(labels))
+
+    @property
+    def heights(self) -> Array:
+        """Positions z (slices,) [m] of the slices, from distal to proximal."""
+        return np.asarray(self.origin[2] + self.spacing[2] * np.arange(len(self.numbers)), dtype=np.float64)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the labels that the image has."""
+        there = np.unique(self.numbers)
+        return tuple(name for name, number in self.labels.items() if number in there)
+
+    def slices_of(self, name: str) -> range:
+        """Return the numbers of the slices, from 0, from the first to the last in which a label is.
+
+        Raises:
+            GeometryError: the label is unknown or nowhere, or missing from slices between.
+        """
+        there = np.flatnonzero(np.any(self.numbers == self._number(name), axis=(1, 2)))
+        if not len(there):
+            there_are = ", ".join(map(str, np.unique(self.numbers)))
+            raise GeometryError(
+                f"no voxel has the label {self._number(name)} of '{name}', there are {there_are}: label it, or say "
+                "which number it has"
+            )
+        gaps = np.setdiff1d(np.arange(there[0], there[-1] + 1), there)
+        if len(gaps):
+            raise GeometryError(
+                f"slice {gaps[0]} is empty of '{name}', which lies in slices {there[0]} to {there[-1]}: label it there "
+                "or leave out the slices beyond"
+            )
+        return range(int(there[0]), int(there[-1]) + 1)
+
+    def outline(self, name: str, number: int) -> Outline:
+        """Return the smooth outline of a part in slice `number` (from 0); its area is that of the part's pixels.
+
+        The mask is smoothed by a Gaussian, which alone would shrink what is round; of its levels that one is taken
+        which encloses the area of the pixels.
+
+        Raises:
+            GeometryError: the part is not there, too small, cut off by the image's border or in pieces.
+        """
+        mask = self._mask(name, number)
+        where = f"slice {number}: '{name}'"
+        if not mask.any():
+            raise GeometryError(f"{where} is not there: label it in this slice or choose another")
+        if mask.sum() < FEWEST_PIXELS:
+            raise GeometryError(f"{where} has {mask.sum()} pixels, too few for an outline: {FEWEST_PIXELS} are needed")
+        if mask[[0, -1]].any() or mask[:, [0, -1]].any():
+            raise GeometryError(
+                f"{where} is cut off by the border of the image, its outline open: choose another slice"
+            )
+        pieces, count = label(mask, structure=np.ones((3, 3)))
+        if count > 1:
+            areas = self._pixel_area * np.sort(np.bincount(pieces.ravel())[1:])[::-1]
+            listed = " and ".join(f"{from_si(float(area), 'mm2'):.1f}" for area in areas[:2])
+            raise GeometryError(
+                f"{where} is in {count} pieces, the largest of {listed} mm2: remove the smaller ones or give each "
+                "vein a label of its own"
+            )
+        outline = Outline.through(self._smooth(mask))
+        if abs(outline.area / (self._pixel_area * mask.sum()) - 1) > LARGEST_AREA_ERROR:
+            raise GeometryError(f"{where} hangs together by corners of pixels: widen it there or make it two parts")
+        return outline
+
+    def section(self, number: int, wall_thickness: float = 0.8e-3, **more: Any) -> CalfSection:
+        """Return the cross-section in slice `number` (from 0) with all veins that are in it.
+
+        Args:
+            wall_thickness: of each vein [m]; walls are thinner than voxels.
+            more: further values of the section, e.g. `mesh`.
+
+        Raises:
+            GeometryError: a part is missing or cannot be outlined, or veins are nearer than their walls.
+        """
+        if not 0 <= number < len(self.numbers):
+            raise GeometryError(f"there is no slice {number}: the image has 0 to {len(self.numbers) - 1}")
+        outlines: dict[str, Any] = {name: self.outline(name, number) for name in ("skin", "tibia", "fibula")}
+        if self._has("fat", number):
+            outlines["fascia"] = self.outline("fat", number)
+        outlines |= {name: self.outline(name, number) for name in COMPARTMENTS if self._has(name, number)}
+        lumens = [name for name in self.labels if _kind(name) == "lumen" and self._has(name, number)]
+        if not lumens:
+            raise GeometryError(f"slice {number}: there is no 'lumen', of label {self._number('lumen')}: label a vein")
+        veins = {name: self.outline(name, number) for name in lumens}
+        self._check_apart(veins, number, wall_thickness)
+        try:
+            parts = tuple(Vein(lumen=lumen, wall_thickness=wall_thickness) for lumen in veins.values())
+            return CalfSection(veins=parts, **outlines, **more)
+        except GeometryError as error:
+            raise GeometryError(f"slice {number}: {error}") from None
+
+    def vein(self, name: str = "lumen", **more: Any) -> LoftedVein:
+        """Return the rigid vein through all slices in which a lumen is; `more`: further values, e.g. `mesh`.
+
+        Raises:
+            GeometryError: slices are empty or cannot be outlined, or the stack makes no vein.
+        """
+        there = self.slices_of(name)
+        if len(there) < 4:
+            raise GeometryError(f"'{name}' lies in {len(there)} slices: a lofted vein needs 4, label it in more")
+        outlines = tuple(self.outline(name, number) for number in there)
+        heights = tuple(map(float, self.heights[there.start : there.stop]))
+        try:
+            return LoftedVein(outlines=outlines, heights=heights, **more)
+        except GeometryError as error:
+            raise GeometryError(f"'{name}' from slice {there.start} on: {error}") from None
+
+    def stack(self, lumen: str = "lumen", first: int | None = None, last: int | None = None) -> Stack:
+        """Return the outlines of skin, bones and a vein in slices `first` to `last`, by default all that have the vein.
+
+        Args:
+            lumen: name of the vein; other veins count as tissue.
+
+        Raises:
+            GeometryError: a part is missing from a slice or cannot be outlined.
+        """
+        there = self.slices_of(lumen)
+        chosen = range(there.start if first is None else first, (there.stop - 1 if last is None else last) + 1)
+        if not len(chosen) or chosen.start < 0 or chosen.stop > len(self.numbers):
+            raise GeometryError(
+                f"there are no slices {chosen.start} to {chosen.stop - 1}: the image has 0 to {len(self.numbers) - 1}"
+            )
+        if len(chosen) < FEWEST:
+            raise GeometryError(
+                f"'{lumen}' lies in slices {chosen.start} to {chosen.stop - 1}: a lofted calf needs {FEWEST}, label it "
+                "in more"
+            )
+        labels = {name: lumen if name == "lumen" else name for name in PARTS}
+        outlines = {name: tuple(self.outline(title, k) for k in chosen) for name, title in labels.items()}
+        return Stack(outlines, tuple(map(float, self.heights[chosen.start : chosen.stop])), chosen.start)
+
+    def calf(
+        self, lumen: str = "lumen", first: int | None = None, last: int | None = None, **more: Any
+    ) -> LoftedCalf:  # fmt: skip
+        """Return the calf segment through slices, with one vein; arguments as of `stack`, and `more`: e.g. `mesh`.
+
+        Raises:
+            GeometryError: slices are missing or cannot be outlined, or the stack makes no calf.
+        """
+        stack = self.stack(lumen, first, last)
+        return LoftedCalf(heights=stack.heights, first_slice=stack.first, **{**stack.outlines, **more})
+
+    @property
+    def _pixel_area(self) -> float:
+        return self.spacing[0] * self.spacing[1]
+
+    def _number(self, name: str) -> int:
+        if name not in self.labels:
+            raise GeometryError(unknown("label", name, self.labels))
+        return self.labels[name]
+
+    def _has(self, name: str, number: int) -> bool:
+        return name in self.labels and bool(np.any(self.numbers[number] == self.labels[name]))
+
+    def _mask(self, name: str, number: int) -> Mask:
+        """Return the pixels inside the outline of a part: of the skin all, of the fat what it surrounds (fascia).
+
+        Of a compartment also the next pixels of bones and veins, but not those next to another compartment.
+        """
+        layer, mine = self.numbers[number], self._number(name)
+        if name in ("skin", "fat"):
+            body = np.asarray(binary_fill_holes(np.isin(layer, list(self.labels.values()))))
+            return body & (layer != mine) if name == "fat" else body
+        if name in COMPARTMENTS:
+            others = [self.labels[other] for other in COMPARTMENTS if other != name and other in self.labels]
+            inner = [n for other, n in self.labels.items() if _kind(other) in ("tibia", "fibula", "lumen")]
+            grown = binary_dilation(layer == mine, iterations=OVERLAP) & np.isin(layer, [mine, *inner])
+            apart = binary_fill_holes(grown & ~binary_dilation(np.isin(layer, others), iterations=SEPTUM))
+            apart = binary_opening(apart, iterations=BLUNT)  # wedges along a bone could not be meshed
+            whole = layer == mine
+            if label(whole, structure=np.ones((3, 3)))[1] > 1:
+                return np.asarray(whole)  # for the sentence about pieces
+            # what others cut off at its corners is septum
+            pieces, _ = label(apart)
+            return np.asarray(pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:])) if apart.any() else whole
+        return np.asarray(binary_fill_holes(layer == mine))
+
+    def _smooth(self, mask: Mask) -> Array:
+        """Return points (n, 2) [m] of the smooth outline of a mask in one piece."""
+        dx, dy, _ = self.spacing
+        width = SMOOTHING * max(dx, dy)
+        grey = gaussian_filter(mask.astype(float), (width / dy, width / dx))
+        x, y = self.origin[0] + dx * np.arange(mask.shape[1]), self.origin[1] + dy * np.arange(mask.shape[0])
+        lines = contour_generator(x, y, grey).lines
+
+        def longest(level: float) -> Array:
+            rings: list[Array] = [np.asarray(line) for line in lines(level)]
+            return max(rings, key=len)
+
+        target = float(mask.sum()) * self._pixel_area
+        top = float(grey.max())
+        level = brentq(lambda share: _polygon_area(longest(share * top)) - target, 0.1, 0.9, xtol=1e-6)
+        ring = longest(level * top)[:-1]
+        arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(np.vstack([ring, ring[:1]]), axis=0).T))]
+        count = int(np.clip(arc[-1] / max(dx, dy), FEWEST_POINTS, MOST_POINTS))
+        at = arc[-1] * np.arange(count) / count
+        return np.column_stack([np.interp(at, arc, np.r_[c, c[0]]) for c in ring.T])
+
+    def _check_apart(self, veins: Mapping[str, Outline], number: int, wall_thickness: float) -> None:
+        named = list(veins.items())
+        for k, (name, lumen) in enumerate(named):
+            for other, its in named[k + 1 :]:
+                gap, needed = lumen.distance_to(its), 2 * wall_thickness + NARROWEST_GAP
+                if gap < needed:
+                    raise GeometryError(
+                        f"slice {number}: '{name}' and '{other}' are {from_si(gap, 'mm'):.2g} mm apart, two walls of "
+                        f"{from_si(wall_thickness, 'mm'):.2g} mm need {from_si(needed, 'mm'):.2g} mm: choose a smaller "
+                        "wall_thickness or give both the same label"
+                    )
+
+
+def _polygon_area(ring: Array) -> float:
+    x, y = ring.T
+    return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
+
+
+def read_image(path: Path) -> Any:
+    """Return the SimpleITK image (mm) in a file, or in a folder with one DICOM series, in the axes of the geometries.
+
+    Raises:
+        GeometryError: there is no such image, it is no volume, or slices are missing.
+    """
+    import SimpleITK as sitk  # noqa: N813 - its usual name
+
+    try:
+        image = _read_series(path) if path.is_dir() else sitk.ReadImage(str(path))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].split("ERROR: ")[-1]
+        raise GeometryError(f"'{path}' cannot be read as NIfTI, NRRD or another image: {reason}") from None
+    try:
+        return _oriented(image)
+    except GeometryError as error:
+        raise GeometryError(f"'{path}': {error}") from None
+
+
+def _oriented(image: Any) -> Any:
+    import SimpleITK as sitk  # noqa: N813 - its usual name
+
+    if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
+        raise GeometryError("a label map has three dimensions and one number in each voxel: save it as a volume")
+    return sitk.DICOMOrient(image, AXES)
+
+
+def _read_series(folder: Path) -> Any:
+    """Return the image of the one DICOM series in a folder."""
+    import SimpleITK as sitk  # noqa: N813 - its usual name
+
+    series = sitk.ImageSeriesReader.GetGDCMSeriesIDs(str(folder))
+    if len(series) != 1:
+        raise GeometryError(f"'{folder}' holds {len(series)} DICOM series: give a folder with exactly one")
+    reader = sitk.ImageSeriesReader()
+    reader.SetFileNames(sitk.ImageSeriesReader.GetGDCMSeriesFileNames(str(folder), series[0]))
+    reader.MetaDataDictionaryArrayUpdateOn()
+    image = reader.Execute()
+    normal = np.reshape(image.GetDirection(), (3, 3))[:, 2]
+    places = [
+        normal @ [float(part) for part in reader.GetMetaData(k, "0020|0032").split("\\")]
+        for k in range(image.GetDepth())
+    ]
+    steps = np.diff(places)
+    if len(steps) and np.max(np.abs(steps - np.median(steps))) > EVEN * np.median(steps):
+        worst = int(np.argmax(np.abs(steps - np.median(steps))))
+        raise GeometryError(
+            f"'{folder}': slices {worst} and {worst + 1} are {steps[worst]:.3g} mm apart, the others "
+            f"{np.median(steps):.3g} mm: add the missing slices or resample the series"
+        )
+    return image

@@ -1,0 +1,35 @@
+"""Geometries of case files that name a label map."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+from pydantic import Field
+
+from ngfsi_geometry.content import check_digest, digest
+from ngfsi_geometry.imaging import LABELS, LabelMap
+from ngfsi_geometry.lofted_calf import CalfLoft, Stack
+
+
+class LabelledCalf(CalfLoft):
+    """Calf segment through the slices of a segmented image: NIfTI, NRRD, or a folder with a DICOM series."""
+
+    file: str = Field(min_length=1)
+    labels: dict[str, int] = Field(default_factory=lambda: dict(LABELS))
+    """Name -> number in the image: skin (what is in nothing else), tibia, fibula, lumen, and all others inside of the
+    skin."""
+    vein: str = "lumen"
+    """Name of the label of the vein; other veins count as tissue."""
+    first_slice: int | None = Field(None, ge=0)
+    """Numbers of the slices to be taken, from 0 from distal to proximal; default: all that have the vein."""
+    last_slice: int | None = Field(None, ge=0)
+    sha256: str = Field(default_factory=lambda given: digest(given["file"], "label map"))
+    """Of the file: a case belongs to its content."""
+
+    @cached_property
+    def stack(self) -> Stack:
+        """The outlines in the image."""
+        check_digest(self.file, "label map", self.sha256)
+        image = LabelMap.read(Path(self.file), self.labels)
+        return image.stack(self.vein, self.first_slice, self.last_slice)

@@ -1,0 +1,1 @@
+"""Benchmarks of speed: whole runs by turns."""

@@ -1,1 +1,0 @@
-"""Parameters of materials from measurements: uniaxial tests, and areas in images of a section."""

@@ -1,0 +1,15 @@
+"""Case: everything a run depends on, as numbers and strings."""
+
+from ngfsi.case.case import (
+    Case,
+    Conditions,
+    Cuff,
+    Discretisation,
+    Loads,
+    Materials,
+    Output,
+    Solver,
+    TimeStepping,
+)
+
+__all__ = ["Case", "Conditions", "Cuff", "Discretisation", "Loads", "Materials", "Output", "Solver", "TimeStepping"]

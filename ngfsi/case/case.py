@@ -1,0 +1,324 @@
+"""Case: everything a run depends on, as numbers and strings; read from and written to TOML.
+
+Units stand in the keys (see section.py); `Case.from_toml` explains in one sentence what is wrong with a file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from math import ceil, pi
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import tomli_w
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from ngfsi.case.geometries import find_builder, path_of
+from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
+from ngfsi.config.messages import key_error
+from ngfsi.config.model import Section
+from ngfsi.errors import CaseError, GeometryError
+from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
+from ngfsi.outlines.displacement import OutlineDisplacement
+from ngfsi.units import MMHG, Angle, Length, Pressure, Time
+
+
+def _build_geometry(value: Any, info: ValidationInfo) -> Any:
+    """Return the geometry that a table with the import path of its builder under `type` describes."""
+    if isinstance(value, Section) and hasattr(value, "netgen_mesh"):
+        return value
+    if not isinstance(value, dict):
+        text = 'a table with type = an import path such as "ngfsi_geometry.calf:CalfSegment"'
+        raise PydanticCustomError("table", "{text}", {"text": text})
+    if not isinstance(value.get("type"), str):
+        raise key_error("type", 'is missing: write an import path such as "ngfsi_geometry.calf:CalfSegment"')
+    try:
+        builder = find_builder(value["type"])
+    except GeometryError as error:
+        raise key_error("type", f"cannot be used: {error}") from None
+    return builder.model_validate({key: v for key, v in value.items() if key != "type"}, context=info.context)
+
+
+PARTS_OF_TISSUE = ("fat", "anterior", "lateral", "superficial_posterior", "deep_posterior")
+"""Regions that are of the material of the tissue unless they have their own."""
+
+
+class Materials(Section):
+    """The material of each region that the geometry has."""
+
+    tissue: SolidMaterial | None = None
+    wall: SolidMaterial | None = None
+    solid: SolidMaterial | None = None
+    """The one solid of a plane benchmark."""
+    fat: SolidMaterial | None = None
+    anterior: SolidMaterial | None = None
+    lateral: SolidMaterial | None = None
+    superficial_posterior: SolidMaterial | None = None
+    deep_posterior: SolidMaterial | None = None
+    fluid: FluidMaterial | None = None
+
+    def law_of(self, region: str) -> SolidLaw:
+        """Return the material of a solid region.
+
+        Raises:
+            CaseError: the case has no such solid.
+        """
+        law = getattr(self, region, None)
+        if law is None and region in PARTS_OF_TISSUE:
+            law = self.tissue
+        if not isinstance(law, SolidLaw):
+            raise CaseError(f"'{region}' is no solid with a material in this case")
+        return law
+
+
+class Cuff(Section):
+    """A pressure on a part of the skin, over time: of a stocking's zone, or of one chamber of a pneumatic sleeve.
+
+    It is whole inside the part, and falls smoothly to zero over `edge`, half of it outside.
+    """
+
+    pressure: PressureCurve
+    start: Length
+    """Height z where it begins, and `end`: where it ends, on the reference shape."""
+    end: Length
+    direction: Angle = 0.0
+    """Of its middle, around the axis of the segment from x (lateral) to y (anterior)."""
+    half_width: Angle | None = Field(default=None, gt=0, lt=pi)
+    """Angle from the middle to either side; None: all around."""
+    edge: Length = Field(default=5e-3, gt=0)
+
+    @model_validator(mode="after")
+    def _has_a_height(self) -> Self:
+        if self.end - self.start < self.edge:
+            raise ValueError(
+                f"a cuff from z = {self.start:g} m to {self.end:g} m is lower than its edge, {self.edge:g} m"
+            )
+        return self
+
+
+class Loads(Section):
+    """What acts from outside, over time."""
+
+    skin_pressure: PressureCurve
+    """Everywhere on the skin."""
+    cuffs: tuple[Cuff, ...] = ()
+    """Pressures on parts of the skin, added to `skin_pressure`; together any function of height, angle and time."""
+    inlet_flow: FlowCurve = FlowConstant(value=2.913e-6)
+    """Flux of blood relative to the moving inlet; default: 1.12 times the flow of the study's subject 7."""
+    inlet_pressure: PressureCurve | None = None
+    """Pressure at the inlet, from which the flow follows; then `inlet_flow` is without effect."""
+    outlet_pressure: PressureCurve = PressureConstant(value=10 * MMHG)
+    """Blood pressure at the outlet; in the veins of a plane section, which have no flow, all of it."""
+
+    @property
+    def breakpoints(self) -> frozenset[float]:
+        """Times (s) where the slope of a load jumps."""
+        cuffs = (cuff.pressure for cuff in self.cuffs)
+        acting = (self.skin_pressure, *cuffs, self.inlet_pressure or self.inlet_flow, self.outlet_pressure)
+        return frozenset(t for curve in acting for t in curve.breakpoints)
+
+
+class Conditions(Section):
+    """Ends of the segment and state at the start."""
+
+    ends: Literal["roller", "clamped", "guided", "free"] = "roller"
+    """The end faces slide in their plane (roller), are fixed, move along the axis alone (guided), or carry no load."""
+    coupling: Literal["two_way", "one_way"] = "two_way"
+    """one_way: the solids move the blood, but on the wall acts only the pressure of the outlet, not the blood's own."""
+    initial_state: Literal["preload", "prestress"] = "preload"
+    """preload: the geometry is unloaded and the blood inflates it; prestress: it carries the blood pressure already."""
+    plane_stress: tuple[str, ...] = ()
+    """Regions of a plane solid whose thickness is free (plane stress); in the others it is kept (plane strain)."""
+    strain: Literal["finite", "small"] = "finite"
+    """small: linear elasticity with the initial moduli of the laws, and loads on the undeformed shape."""
+    skin_displacement: OutlineDisplacement | None = None
+    """Moves the skin of a plane section as given, e.g. by registration, instead of the pressure on it."""
+
+
+class Discretisation(Section):
+    """Polynomial order and mesh motion."""
+
+    order: int = Field(default=2, ge=2, le=6)
+    """Order of displacement and velocity; the pressure is one lower."""
+    mesh_motion: Literal["harmonic", "elastic"] = "harmonic"
+    """How the mesh of the fluid follows the solids: by Laplace's equation, best where a wall surrounds the fluid; or as
+    a Neo-Hookean solid that is stiffer where elements are small, for bodies that swing in the flow."""
+    bulk_integration: Literal["full", "reduced"] = "full"
+    """How the solids' resistance to changes of volume is integrated: reduced, at fewer points, is right for nearly
+    incompressible solids (Poisson ratios above 0.49), which lock otherwise."""
+    extension_stiffness: float = Field(default=1.0, gt=0)
+    """Factor on the equation of the mesh motion, without influence on the result."""
+    extra_integration_order: int = Field(default=0, ge=0, le=12)
+    """By how much the weak form is integrated to a higher order than usual, to see what that changes."""
+
+
+SAME_TIME = 1e-9
+"""Times closer than this share of the nominal step are one."""
+
+
+MOST_STEPS = 1_000_000
+
+
+class TimeStepping(Section):
+    """Time scheme and steps."""
+
+    scheme: Literal["bdf2", "backward_euler"] = "bdf2"
+    step: Time = Field(gt=0)
+    end: Time = Field(gt=0)
+    smallest_step: Time = Field(default_factory=lambda given: given["step"] / 64, gt=0)
+    """A step that fails is halved down to this; default: a 64th of the step."""
+    error_tolerance: float | None = Field(default=None, gt=0, lt=1)
+    """Largest estimated error of one step, of displacement and velocity against their scales: a step that exceeds it
+    is halved, and grows back to `step` where errors are small. None: steps are shortened on failure alone."""
+
+    @property
+    def steps(self) -> int:
+        """Number of nominal steps."""
+        return ceil(self.end / self.step - SAME_TIME)
+
+    @model_validator(mode="after")
+    def _steps_fit(self) -> Self:
+        if self.step > self.end:
+            raise ValueError(f"the step of {self.step:g} s is longer than the run, which ends at {self.end:g} s")
+        if self.end > MOST_STEPS * self.step:
+            raise ValueError(f"steps of {self.step:g} s up to {self.end:g} s would be more than {MOST_STEPS:,}")
+        if self.error_tolerance is not None and self.scheme != "bdf2":
+            raise ValueError("error_tolerance needs the scheme 'bdf2', whose error is estimated")
+        if self.smallest_step > self.step:
+            raise ValueError(f"the smallest step of {self.smallest_step:g} s exceeds the step of {self.step:g} s")
+        return self
+
+
+class Solver(Section):
+    """Newton's method and its linear solver."""
+
+    tolerance: float = Field(default=1e-7, gt=0, lt=1)
+    """Largest relative change of any block of unknowns at convergence."""
+    max_iterations: int = Field(default=25, ge=1)
+    linearise: Literal["when slow", "always"] = "when slow"
+    """when slow: a factorisation serves over iterations and steps until it converges too slowly; always: one per
+    iteration, which is Newton's method as in textbooks, to compare with."""
+    linear: Literal["auto", "pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid", "fieldsplit"] = "auto"
+    """auto: pardiso where MKL is installed, else umfpack; mumps on several ranks; p_multigrid, and on several ranks
+    fieldsplit, which iterate, for problems too large for these; `ngfsi info` says what each is."""
+
+
+class Output(Section):
+    """What is written beside the time series."""
+
+    fields_every: int = Field(default=10, ge=0)
+    """Steps between two written fields; 0: first and last only."""
+    checkpoint_every: int = Field(default=10, ge=0)
+    """Steps between two checkpoints, from which a stopped run goes on; 0: by the clock alone."""
+    checkpoint_interval: Time = Field(default=300.0, gt=0)
+    """Seconds on the clock after which a checkpoint is due in any case."""
+    wall_every: int = Field(default=1, ge=1)
+    """Steps between two written states of the vein's inner wall, from which TAWSS and OSI follow."""
+    stations: int = Field(default=11, ge=2)
+    """Number of cross-sections whose outlines and shapes are written with the fields."""
+    stability: bool = False
+    """Whether the stability of the vein, and the mode in which it would collapse, are written with the fields."""
+    low_shear: Pressure = Field(default=0.1, gt=0)
+    """Wall shear stress below which an area of the wall counts as of low shear."""
+
+
+class Case(Section):
+    """One run."""
+
+    name: str
+    geometry: Annotated[Any, BeforeValidator(_build_geometry)]
+    """A builder from the package `geometry`, a Section; what else it offers is the business of Domain."""
+    materials: Materials
+    loads: Loads
+    conditions: Conditions = Conditions()
+    discretisation: Discretisation = Discretisation()
+    time: TimeStepping
+    solver: Solver = Solver()
+    output: Output = Output()
+
+    @model_validator(mode="after")
+    def _each_region_has_a_material(self) -> Self:
+        regions = {*self.geometry.solids, *([self.geometry.fluid] if self.geometry.fluid else [])}
+        for name in Materials.model_fields:
+            given = getattr(self.materials, name) is not None
+            if name in regions and not given and name not in PARTS_OF_TISSUE:
+                raise key_error(f"materials.{name}", f"is missing: {type(self.geometry).__name__} has such a region")
+            if given and name not in regions:
+                known = ", ".join(sorted(regions))
+                raise key_error(
+                    f"materials.{name}", f"is of no region: those of {type(self.geometry).__name__} are {known}"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _conditions_fit(self) -> Self:
+        if wrong := sorted({*self.conditions.plane_stress} - {*self.geometry.solids}):
+            raise key_error("conditions.plane_stress", f"names {', '.join(wrong)}: {_solids_of(self.geometry)}")
+        plane = self.conditions.plane_stress or self.conditions.strain == "small" or self.conditions.skin_displacement
+        if plane and (self.geometry.fluid or self.conditions.initial_state == "prestress"):
+            raise key_error(
+                "conditions", "has plane_stress, small strain or a skin_displacement: these are for plane solids "
+                "without fluid, from their unloaded shape (initial_state = \"preload\")"
+            )  # fmt: skip
+        return self
+
+    @model_validator(mode="after")
+    def _coupling_fits(self) -> Self:
+        if self.conditions.coupling == "one_way" and not (
+            self.geometry.solids and hasattr(self.geometry, "vein_centre")
+        ):
+            raise key_error(
+                "conditions.coupling", f'is "one_way", which is for veins in tissue: {type(self.geometry).__name__} '
+                "is none"
+            )  # fmt: skip
+        return self
+
+    @field_validator("name")
+    @classmethod
+    def _names_a_folder(cls, name: str) -> str:
+        if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
+            raise ValueError(f"'{name}' cannot name a folder: use letters, digits, '_', '-' and, but not first, '.'")
+        return name
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Self:
+        """Return the case in a TOML file.
+
+        Raises:
+            CaseError: the file cannot be read, is not TOML, or a key or value in it is refused.
+        """
+        try:
+            data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise CaseError(f"the case file '{path}' cannot be read: {error.strerror or error}") from None
+        except UnicodeDecodeError:
+            raise CaseError(f"the case file '{path}' is not text in UTF-8") from None
+        except tomllib.TOMLDecodeError as error:
+            raise CaseError(f"the case file '{path}' is not valid TOML: {error}") from None
+        except (ValueError, RecursionError):  # of Python itself, which TOML's parser passes on
+            raise CaseError(f"the case file '{path}' holds a number too long or tables too deeply nested") from None
+        return cls.from_dict(data, source=str(path))
+
+    def to_toml_dict(self) -> dict[str, Any]:
+        """Return plain tables, lists and scalars with SI keys, from which `from_dict` gives an equal case."""
+        written = super().to_toml_dict()
+        written["geometry"] = {"type": path_of(type(self.geometry)), **written["geometry"]}
+        return written
+
+    def to_toml(self) -> str:
+        """Return the text of a case file with every value resolved, from which `from_toml` gives an equal case."""
+        return tomli_w.dumps(self.to_toml_dict())
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the content without the name: equal for cases that must give equal results."""
+        content = {key: value for key, value in self.to_toml_dict().items() if key != "name"}
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _solids_of(geometry: Any) -> str:
+    return f"the solids of {type(geometry).__name__} are {', '.join(sorted(geometry.solids))}"

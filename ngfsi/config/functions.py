@@ -1,0 +1,240 @@
+"""Curves: quantities prescribed over time, tagged by `kind`, e.g. `{kind = "ramp", final_mmHg = 25, duration_s = 1}`.
+
+A curve is a function of the time in seconds that returns SI, and names its `breakpoints`: the times where its slope
+jumps. A time scheme of higher order restarts there.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from bisect import bisect_right
+from functools import cache
+from itertools import pairwise
+from math import cos, isclose, pi
+from pathlib import Path
+from typing import Annotated, Any, Generic, Literal, Self, TypeVar
+
+from pydantic import Field, model_validator
+
+from ngfsi.config.columns import first_columns
+from ngfsi.config.messages import key_error
+from ngfsi.config.model import Section, tagged
+from ngfsi.errors import OutputError
+from ngfsi.units import Angle, FlowRate, Pressure, Time
+
+Q = TypeVar("Q", bound=float)
+
+
+class Constant(Section, Generic[Q]):
+    """The same value at all times."""
+
+    kind: Literal["constant"] = "constant"
+    value: Q
+
+    def __call__(self, t: float) -> float:  # noqa: ARG002 - a curve takes the time even if it ignores it
+        """Return the value at time t (s), in SI."""
+        return self.value
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps: none."""
+        return ()
+
+
+class Rise(Section, Generic[Q]):
+    """From `initial` to `final` within `duration` after `start`, held before and after; base of the ramps."""
+
+    initial: Q = Field(default=0.0)  # type: ignore[assignment] # Q is a float, its alias only names the dimension
+    final: Q
+    start: Time = 0.0
+    duration: Time = Field(gt=0)
+
+    def __call__(self, t: float) -> float:
+        """Return the value at time t (s), in SI."""
+        done = self._share(min(max((t - self.start) / self.duration, 0.0), 1.0))
+        # exact at both ends, which initial + done * (final - initial) is not
+        return (1.0 - done) * self.initial + done * self.final
+
+    @staticmethod
+    @abstractmethod
+    def _share(elapsed: float) -> float:
+        """Return the share of the rise after a share of the duration."""
+
+
+class Ramp(Rise[Q]):
+    """Linear rise."""
+
+    kind: Literal["ramp"] = "ramp"
+
+    @staticmethod
+    def _share(elapsed: float) -> float:
+        return elapsed
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps: both ends of the ramp."""
+        return () if self.initial == self.final else (self.start, self.start + self.duration)
+
+
+class SmoothRamp(Rise[Q]):
+    """Rise without a kink, by (1 - cos(pi s))/2 of the difference after a share s of the duration."""
+
+    kind: Literal["smooth_ramp"] = "smooth_ramp"
+
+    @staticmethod
+    def _share(elapsed: float) -> float:
+        return (1.0 - cos(pi * elapsed)) / 2
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps: none."""
+        return ()
+
+
+class Table(Section, Generic[Q]):
+    """Linear between given points, held before the first and after the last."""
+
+    kind: Literal["table"] = "table"
+    times: tuple[Time, ...] = Field(min_length=1)
+    values: tuple[Q, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _is_a_function(self) -> Self:
+        if len(self.times) != len(self.values):
+            raise ValueError(f"a table needs as many times as values, not {len(self.times)} and {len(self.values)}")
+        for earlier, later in pairwise(self.times):
+            if later <= earlier:
+                raise ValueError(f"the times of a table must increase, but {later:g} s follows {earlier:g} s")
+        return self
+
+    def __call__(self, t: float) -> float:
+        """Return the value at time t (s), in SI."""
+        right = bisect_right(self.times, t)
+        if right == 0 or right == len(self.times):
+            return self.values[max(right - 1, 0)]
+        t0, t1 = self.times[right - 1 : right + 1]
+        done = (t - t0) / (t1 - t0)
+        return (1.0 - done) * self.values[right - 1] + done * self.values[right]
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps, the ends included unless the table is level there."""
+        points = list(zip(self.times, self.values, strict=True))
+        slopes = [0.0, *((v1 - v0) / (t1 - t0) for (t0, v0), (t1, v1) in pairwise(points)), 0.0]
+        bends = [not isclose(before, after, rel_tol=1e-9) for before, after in pairwise(slopes)]
+        return tuple(t for t, bend in zip(self.times, bends, strict=True) if bend)
+
+
+class Harmonics(Section, Generic[Q]):
+    """Periodic: mean + sum over n = 1, 2, ... of amplitude_n cos(2 pi n t / period + phase_n)."""
+
+    kind: Literal["harmonics"] = "harmonics"
+    mean: Q
+    amplitudes: tuple[Q, ...] = Field(min_length=1)
+    phases: tuple[Angle, ...]
+    period: Time = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _one_phase_each(self) -> Self:
+        if len(self.phases) != len(self.amplitudes):
+            raise ValueError(f"harmonics need as many phases as amplitudes, not {len(self.phases)} and "
+                             f"{len(self.amplitudes)}")  # fmt: skip
+        return self
+
+    def __call__(self, t: float) -> float:
+        """Return the value at time t (s), in SI."""
+        waves = enumerate(zip(self.amplitudes, self.phases, strict=True), start=1)
+        return self.mean + sum(size * cos(2 * pi * n * t / self.period + phase) for n, (size, phase) in waves)
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps: none."""
+        return ()
+
+
+class Waveform(Section, Generic[Q]):
+    """One period of a measured curve, repeated: a periodic cubic spline through the points, the last as the first.
+
+    Instead of times and values a file may be named, `{kind = "waveform", file = "inflow.csv"}`: two columns with a
+    header that carries units, e.g. `time_s,flow_ml_s`. The resolved case holds the numbers, and needs the file no more.
+    """
+
+    kind: Literal["waveform"] = "waveform"
+    times: tuple[Time, ...] = Field(min_length=4)
+    values: tuple[Q, ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_file(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "file" not in data:
+            return data
+        try:
+            (time, times), (unit, values) = first_columns(Path(str(data["file"])), 2)
+        except OutputError as error:
+            raise key_error("file", f"is not accepted: {error}") from None
+        others = {key: value for key, value in data.items() if key != "file"}
+        return {**others, f"times_{time}": times, f"values_{unit}": values}
+
+    @model_validator(mode="after")
+    def _is_a_period(self) -> Self:
+        if len(self.times) != len(self.values):
+            raise ValueError(f"a waveform needs as many times as values, not {len(self.times)} and {len(self.values)}")
+        if any(later <= earlier for earlier, later in pairwise(self.times)):
+            raise ValueError("the times of a waveform must increase")
+        if abs(self.values[-1] - self.values[0]) > 1e-6 * max(map(abs, self.values)):
+            raise ValueError("the last value of a waveform must repeat the first one: it closes the period")
+        return self
+
+    def __call__(self, t: float) -> float:
+        """Return the value at time t (s), in SI."""
+        return float(_periodic(self.times, self.values)(t))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps: none."""
+        return ()
+
+
+@cache
+def _periodic(times: tuple[float, ...], values: tuple[float, ...]) -> Any:
+    from scipy.interpolate import CubicSpline  # takes half a second, which most cases need not wait for
+
+    return CubicSpline(times, (*values[:-1], values[0]), bc_type="periodic")
+
+
+PressureConstant, PressureRamp, PressureTable = Constant[Pressure], Ramp[Pressure], Table[Pressure]
+PressureSmoothRamp = SmoothRamp[Pressure]
+FlowConstant, FlowRamp, FlowTable = Constant[FlowRate], Ramp[FlowRate], Table[FlowRate]
+FlowSmoothRamp = SmoothRamp[FlowRate]
+PressureHarmonics, PressureWaveform = Harmonics[Pressure], Waveform[Pressure]
+FlowHarmonics, FlowWaveform = Harmonics[FlowRate], Waveform[FlowRate]
+
+PressureCurve = Annotated[
+    Constant[Pressure]
+    | Ramp[Pressure]
+    | SmoothRamp[Pressure]
+    | Table[Pressure]
+    | Harmonics[Pressure]
+    | Waveform[Pressure],
+    tagged(
+        "kind",
+        PressureConstant,
+        PressureRamp,
+        PressureSmoothRamp,
+        PressureTable,
+        PressureHarmonics,
+        PressureWaveform,
+    ),
+]
+"""A pressure over time: Pa over s."""
+
+FlowCurve = Annotated[
+    Constant[FlowRate]
+    | Ramp[FlowRate]
+    | SmoothRamp[FlowRate]
+    | Table[FlowRate]
+    | Harmonics[FlowRate]
+    | Waveform[FlowRate],
+    tagged("kind", FlowConstant, FlowRamp, FlowSmoothRamp, FlowTable, FlowHarmonics, FlowWaveform),
+]
+"""A volume flow rate over time: m3/s over s."""

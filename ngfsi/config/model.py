@@ -1,0 +1,250 @@
+"""Section: a frozen, strictly checked part of a case, read from TOML tables whose keys carry the units.
+
+A field `lumen_diameter: Length` is written `lumen_diameter_mm = 11.1` in a file and `lumen_diameter=0.0111` (SI) in
+Python. Files are read with `Section.from_dict`, where a quantity without a unit is an error; the constructor takes
+plain SI names (and also the names with a unit). Lists become tuples, a table with a tag (`kind`, `law`) becomes the
+class of that tag. Types are strict: no text for numbers, no booleans for numbers, nothing infinite.
+
+Every refusal is one sentence in terms of what the user wrote (see `complaint.py`): a `CaseError`, or the class named
+by the section's `refusal`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from types import UnionType
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
+
+from ngfsi.config.messages import complaint, key_error
+from ngfsi.errors import CaseError, NgfsiError, suggestion, unknown
+from ngfsi.units import SI_SUFFIX, UNITS, Dimension, suffixes, to_si
+
+FROM_FILE = {"units_required": True}
+"""Validation context of data read from a file: quantities must carry their unit."""
+
+
+class Key(NamedTuple):
+    """What a written key stands for: the field, and the unit of its numbers (None: a plain or SI name)."""
+
+    field: str
+    unit: str | None
+
+
+class Section(BaseModel):
+    """Base of all parts of a case."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    refusal: ClassVar[type[NgfsiError]] = CaseError
+    """The class of error raised for values this section refuses."""
+
+    def __init__(self, /, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            source = type(self).__name__.partition("[")[0]
+            raise self.refusal(complaint(error, values, source=source)) from None
+
+    # Tells pydantic that nested sections need not be built through this __init__, which only words errors
+    # (pydantic's own RootModel does the same): their errors then carry the whole key path.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    def __eq__(self, other: object) -> bool:
+        """Compare types and values; pydantic's own compares what properties have cached, too."""
+        if type(self) is not type(other):
+            return NotImplemented
+        return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], source: str = "") -> Self:
+        """Return the section written in `data`, e.g. a parsed TOML file; `source` names the file in errors."""
+        try:
+            return cls.model_validate(dict(data), context=FROM_FILE)
+        except ValidationError as error:
+            raise cls.refusal(complaint(error, data, source=source)) from None
+
+    def to_toml_dict(self) -> dict[str, Any]:
+        """Return plain tables, lists and scalars with SI keys, from which `from_dict` gives an equal section."""
+        written = {}
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            if value is not None:
+                written[si_key(type(self), name)] = _plain(value)
+        return written
+
+    def replace(self, /, **changes: Any) -> Self:
+        """Return a copy with some values changed, checked anew.
+
+        Args:
+            changes: dotted key path -> value, e.g. `replace(**{"time.step": 0.05, "materials.tissue": law})`; numbers
+                are SI unless the key carries a unit (`time.step_ms`). Values that depend on a default are renewed.
+
+        Raises:
+            CaseError: a key is unknown or a value is refused (or the error class of the section concerned).
+        """
+        tree: dict[str, Any] = {}
+        for path, value in changes.items():
+            *parents, last = path.split(".")
+            node = tree
+            for part in parents:
+                node = node.setdefault(part, _Changes())
+                if not isinstance(node, _Changes):
+                    raise CaseError(f"'{path}' cannot be changed together with '{part}', which contains it")
+            if isinstance(node.get(last), _Changes):
+                raise CaseError(f"'{path}' cannot be changed together with keys inside it")
+            node[last] = value
+        return self._changed(tree, "")
+
+    def _changed(self, tree: Mapping[str, Any], prefix: str) -> Self:
+        values = {name: getattr(self, name) for name in type(self).model_fields if name in self.model_fields_set}
+        for key, change in tree.items():
+            known = keys_of(type(self)).get(key)
+            name = known.field if known else key
+            current = getattr(self, name) if known else None
+            path = f"{prefix}.{key}" if prefix else key
+            if isinstance(change, _Changes) and isinstance(current, Section):
+                values[name] = current._changed(change, path)
+            elif isinstance(change, _Changes):
+                raise CaseError(f"'{path}' {_unknown_key(type(self), key) if not known else 'holds no keys'}")
+            else:
+                values.pop(name, None)
+                values[key] = change
+        try:
+            return type(self).model_validate(values)
+        except ValidationError as error:
+            raise self.refusal(complaint(error, values, prefix=prefix)) from None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_keys(cls, data: Any, info: ValidationInfo) -> Any:
+        """Turn written keys into fields in SI units; pass anything but a table on."""
+        if not isinstance(data, Mapping):
+            return data
+        units_required = bool(info.context and info.context.get("units_required"))
+        fields: dict[str, Any] = {}
+        origin: dict[str, str] = {}
+        for written, value in data.items():
+            key = keys_of(cls).get(written)
+            if key is None or (units_required and key.unit is None and dimension_of_field(cls, key.field)):
+                raise key_error(written, _unknown_key(cls, written))
+            if key.field in origin:
+                raise key_error(
+                    written, f"is given twice: '{origin[key.field]}' is the same quantity, keep one of them"
+                )
+            origin[key.field] = written
+            fields[key.field] = _converted(value, key.unit)
+        for name, field in cls.model_fields.items():
+            if field.is_required() and name not in fields:
+                raise key_error(_spellings(cls, name)[0], f"is missing: {_purpose(cls, name)}")
+        return fields
+
+
+class _Changes(dict[str, Any]):
+    """A table of changes inside `replace`, as opposed to a table that is itself the new value."""
+
+
+@cache
+def keys_of(cls: type[Section]) -> dict[str, Key]:
+    """Return every key that may be written for a section, and what it stands for."""
+    keys: dict[str, Key] = {}
+    for name in cls.model_fields:
+        keys[name] = Key(name, None)
+        dimension = dimension_of_field(cls, name)
+        for suffix in suffixes(dimension) if dimension else []:
+            keys[f"{name}_{suffix}"] = Key(name, suffix)
+    return keys
+
+
+def dimension_of_field(cls: type[Section], name: str) -> str | None:
+    """Return the physical dimension of a field's numbers, or None where they have none."""
+    field = cls.model_fields[name]
+    return _dimension(field.annotation, field.metadata)
+
+
+def si_key(cls: type[Section], name: str) -> str:
+    """Return the key of a field in SI, e.g. `lumen_diameter_m`."""
+    dimension = dimension_of_field(cls, name)
+    return f"{name}_{SI_SUFFIX[dimension]}" if dimension else name
+
+
+def tagged(tag: str, *classes: type[Section]) -> BeforeValidator:
+    """Return the pydantic annotation that reads a table as the one of `classes` whose tag it carries."""
+
+    def choose(value: Any, info: ValidationInfo) -> Any:
+        return choose_tagged(value, info, tag, classes)
+
+    return BeforeValidator(choose)
+
+
+def choose_tagged(value: Any, info: ValidationInfo, tag: str, classes: tuple[type[Section], ...]) -> Any:
+    """Return the section of the class that the table's tag names; instances of the classes pass unchanged."""
+    if isinstance(value, classes):
+        return value
+    by_tag = {cls.model_fields[tag].default: cls for cls in classes}
+    accepted = ", ".join(f"'{name}'" for name in by_tag)
+    if not isinstance(value, Mapping):
+        raise PydanticCustomError("table", "{text}", {"text": f"a table with {tag} = one of {accepted}"})
+    if tag not in value:
+        raise key_error(tag, f"is missing: write one of {accepted}")
+    if not isinstance(value[tag], str) or value[tag] not in by_tag:
+        raise key_error(tag, f"has an unknown value: {unknown(tag, str(value[tag]), by_tag)}")
+    return by_tag[value[tag]].model_validate(value, context=info.context)
+
+
+def _dimension(annotation: Any, metadata: list[Any] | tuple[Any, ...] = ()) -> str | None:
+    """Find the Dimension in an annotation: directly, in a list or an optional (sections have their own)."""
+    for item in metadata:
+        if isinstance(item, Dimension):
+            return item.name
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        inner, *rest = get_args(annotation)
+        return _dimension(inner, rest)
+    inside = get_args(annotation) if origin in (tuple, Union, UnionType) else ()
+    return next((found for found in map(_dimension, inside) if found), None)
+
+
+def _converted(value: Any, unit: str | None) -> Any:
+    """Convert the numbers in a written value to SI and its lists to tuples; leave the rest for the type check."""
+    if isinstance(value, (list, tuple)):
+        return tuple(_converted(item, unit) for item in value)
+    if unit is not None and isinstance(value, (int, float)) and not isinstance(value, bool):
+        return to_si(value, unit)
+    return value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Section):
+        return value.to_toml_dict()
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _unknown_key(cls: type[Section], written: str) -> str:
+    """Return why a key is refused: unit missing, unit of another dimension, or unknown with the nearest known ones."""
+    for name in cls.model_fields:
+        head, _, unit = written.partition(f"{name}_")
+        if dimension_of_field(cls, name) and written == name:
+            return f"needs its unit in the key: write {_one_of(cls, name)}"
+        if dimension_of_field(cls, name) and not head and unit in UNITS:
+            return f"has a unit of {UNITS[unit].dimension.replace('_', ' ')}: write {_one_of(cls, name)}"
+    spellings = [spelling for name in cls.model_fields for spelling in _spellings(cls, name)]
+    accepted = ", ".join(_spellings(cls, name)[0] for name in cls.model_fields)
+    return f"is not a known key: {suggestion(written, spellings)}accepted here are {accepted}"
+
+
+def _spellings(cls: type[Section], name: str) -> list[str]:
+    """Return how a field may be written in a file, the SI key first."""
+    dimension = dimension_of_field(cls, name)
+    return [f"{name}_{suffix}" for suffix in suffixes(dimension)] if dimension else [name]
+
+
+def _purpose(cls: type[Section], name: str) -> str:
+    return f"write {_one_of(cls, name)}" if dimension_of_field(cls, name) else f"a {cls.__name__} needs it"
+
+
+def _one_of(cls: type[Section], name: str) -> str:
+    return " or ".join(f"'{spelling}'" for spelling in _spellings(cls, name))

@@ -1,0 +1,1 @@
+"""Parameters, skin motion and waveforms from measurements."""

@@ -1,0 +1,1 @@
+"""Linear solvers: static condensation, factorisations that outlive their matrix, and preconditioned GMRES."""

@@ -1,0 +1,181 @@
+"""Linear solvers: which there are, whether they are here, and how they are told to work.
+
+The direct ones speak NGSolve's interface of analysis, factorisation, solution and renewed factorisation; another one is
+another entry of `BACKENDS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal
+
+import ngsolve as ng
+import numpy as np
+from ngsolve.solvers.mkl_pardiso import MKLPardiso
+from numpy.typing import NDArray
+
+from ngfsi.errors import SolverError
+from ngfsi.linear.mumps import Mumps
+from ngfsi.linear.petsc import without_petsc
+from ngfsi.parallel.ranks import ALONE, world
+
+if TYPE_CHECKING:
+    from ngfsi.linear.multigrid import Levels
+
+Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid", "fieldsplit"]
+
+GetLevels = Callable[[], "Levels"] | None
+GetScale = Callable[[], NDArray[np.float64]] | None
+
+NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
+"""It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the
+time of a solve."""
+SINGLE_PRECISION = 27
+"""MKL's number of the parameter."""
+
+
+class SinglePardiso(MKLPardiso):  # type: ignore[misc]
+    """Pardiso on matrix, factors and vectors of single precision."""
+
+    def Analyze(self) -> None:
+        """Order and factorise."""
+        self._release()
+        (values, self._indices_np, self._indptr_np), self._csr_mat = self.get_csr()
+        self._params[SINGLE_PRECISION] = 1
+        self._n[0] = len(self._indptr_np) - 1
+        self._data_np = np.array(values, dtype=np.float32)
+        self._b_np, self._x_np = np.zeros((2, self._n[0]), dtype=np.float32)
+        for name in ("data", "indices", "indptr", "b", "x"):
+            setattr(self, f"_{name}", np.ctypeslib.as_ctypes(getattr(self, f"_{name}_np")))
+        self._call_pardiso(12)
+        self._is_first_factor_call = True
+
+
+ng.la.RegisterInverseType("pardiso_single", SinglePardiso)
+ng.la.RegisterInverseType("mumps", Mumps)
+
+
+@cache
+def without_mkl() -> str:
+    """Say why MKL's Pardiso cannot be used here, or nothing."""
+    one = ng.la.SparseMatrixd.CreateFromCOO([0], [0], [1.0], 1, 1)
+    try:
+        one.Inverse(inverse="pardiso")
+    except Exception:  # NGSolve raises a plain Exception when the library is missing
+        return "needs MKL, which cannot be loaded here: install the extra `ngfsi[mkl]` (x86-64 only)"
+    return ""
+
+
+@dataclass(frozen=True)
+class Backend:
+    """A direct solver, as NGSolve knows it, or one with other `factors`.
+
+    Attributes:
+        name: for `solver.linear` and for NGSolve.
+        about: what it is good for.
+        missing: says why it cannot be used here, or nothing.
+        updates: whether a new matrix of the same pattern needs no new analysis.
+        flags: for NGSolve.
+        distributed: whether several ranks can work on it together.
+    """
+
+    name: Name
+    about: str
+    missing: Callable[[], str] = str
+    updates: bool = False
+    flags: Mapping[str, Any] = field(default_factory=dict)
+    distributed: bool = False
+
+    def factors(
+        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, _scale: GetScale = None, *,
+        shared: bool = False,
+    ) -> Any:  # fmt: skip
+        """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible.
+
+        Args:
+            _levels: returns those of an iterative solver.
+            _scale: returns that of each unknown, in whose measure an iterative solver judges its error; default: 1.
+            shared: the matrix is the sum of those with which all ranks call this.
+        """
+        flags = {**self.flags, **({"shared": True} if shared else {})}
+        if old is None or not self.updates:
+            return matrix.Inverse(rows, inverse=self.name, **({"flags": flags} if flags else {}))
+        old.Update()
+        return old
+
+
+@dataclass(frozen=True)
+class Iterative(Backend):
+    """A solver that iterates on the levels of coupled systems.
+
+    Attributes:
+        make: it of a matrix, the rows, their scale, the levels, and whether the matrix is shared.
+    """
+
+    make: Callable[[Any, ng.BitArray, Any, Levels, bool], Any] = field(kw_only=True)
+
+    def factors(
+        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, _scale: GetScale = None, *,
+        shared: bool = False,
+    ) -> Any:  # fmt: skip
+        """As of a direct solver.
+
+        Raises:
+            SolverError: the unknowns of this system have no levels.
+        """
+        if _levels is None:
+            raise SolverError(f"solver.linear = '{self.name}' is for coupled systems: use 'auto' for this one")
+        scale = np.ones(matrix.height) if _scale is None else _scale()
+        if old is None:
+            return self.make(matrix, rows, scale, _levels(), shared)
+        old.update(scale)
+        return old
+
+
+def _p_multigrid(matrix: Any, rows: ng.BitArray, scale: Any, levels: Levels, _shared: bool) -> Any:
+    from ngfsi.linear.multigrid import PMultigrid  # with SciPy's GMRES, which direct solvers do without
+
+    return PMultigrid(matrix, rows, scale, levels, BACKENDS[choose_backend("auto")].factors)
+
+
+def _fieldsplit(matrix: Any, rows: ng.BitArray, scale: Any, levels: Levels, shared: bool) -> Any:
+    from ngfsi.linear.fieldsplit import FieldSplit
+
+    return FieldSplit(matrix, rows, scale, levels, world() if shared else ALONE)
+
+
+BACKENDS = {
+    backend.name: backend
+    for backend in (
+        Backend("pardiso", "MKL's, the fastest here", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
+        Backend("umfpack", "comes with NGSolve"),
+        Backend("pardiso_single", "Pardiso with factors of single precision: less memory for more iterations, to the "
+                "same tolerance", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
+        Backend("mumps", "through PETSc, the one for several ranks", without_petsc, updates=True, distributed=True),
+        Iterative("p_multigrid", "GMRES, tissue by two-level p-multigrid, blood and wall by a direct solver: for large "
+                  "tissues, whose factors would not fit", make=_p_multigrid),
+        Iterative("fieldsplit", "the same through PETSc, for several ranks", without_petsc, distributed=True,
+                  make=_fieldsplit),
+    )
+}  # fmt: skip
+"""In the order in which 'auto' takes them."""
+
+
+def choose_backend(wanted: Literal["auto"] | Name) -> Name:
+    """Return the direct solver to use.
+
+    Raises:
+        SolverError: the one that is asked for is not here, or not for as many ranks as there are.
+    """
+    ranks = world().size
+    fit = {name: backend for name, backend in BACKENDS.items() if backend.distributed or ranks == 1}
+    if wanted == "auto":
+        wanted = next((name for name, backend in fit.items() if not backend.missing()), "mumps")
+    if wanted not in fit:
+        raise SolverError(f"solver.linear = '{wanted}' works in one process, and there are {ranks}: use 'auto'")
+    if reason := BACKENDS[wanted].missing():
+        others = " or ".join(f"'{name}'" for name, backend in fit.items() if not backend.missing())
+        raise SolverError(f"solver.linear = '{wanted}' {reason}{f' or use {others}' if others else ''}")
+    return wanted

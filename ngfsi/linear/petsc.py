@@ -1,0 +1,133 @@
+"""Matrices of PETSc that are the sum of those of all ranks, each of some elements.
+
+A row belongs to the lowest rank with an element there; PETSc's type `is` takes the sum.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.errors import SolverError
+from ngfsi.parallel.ranks import ALONE, World
+
+Vector = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+_kept: list[Any] = []
+"""PETSc destroys its objects on all ranks together, which Python's garbage collection would not wait for."""
+
+
+@cache
+def without_petsc() -> str:
+    """Say why MUMPS cannot be used here, or nothing."""
+    try:
+        from petsc4py import PETSc
+    except ImportError as error:
+        return f"needs petsc4py, which cannot be loaded here ({error}): see 'Several processes' in the README"
+    if not PETSc.Sys.hasExternalPackage("mumps"):
+        return "needs a PETSc with MUMPS, which the one here is without"
+    return ""
+
+
+class Rows:
+    """How the rows of a matrix are distributed: numbered anew so that those of each rank follow each other.
+
+    Attributes:
+        order: of each new number the old one.
+        number: of each old number the new one.
+        mine: the new numbers of this rank.
+    """
+
+    def __init__(self, order: Numbers, mine: slice) -> None:
+        self.order, self.mine = order, mine
+        self.number = np.empty_like(order)
+        self.number[order] = np.arange(len(order))
+
+    @classmethod
+    def of(cls, ranks: World, count: int, touched: Numbers) -> Rows:
+        """Return the distribution of `count` rows, of which each belongs to the lowest rank that touches it."""
+        owner = ranks.lowest(count, touched)
+        if np.any(owner == ranks.size):
+            raise SolverError(f"the matrix is singular: {np.sum(owner == ranks.size)} of its rows are empty")
+        starts = np.searchsorted(np.sort(owner), [ranks.rank, ranks.rank + 1])
+        return cls(np.argsort(owner, kind="stable"), slice(*map(int, starts)))
+
+
+class Summed:
+    """The sum of the matrices of all ranks, as PETSc's.
+
+    Attributes:
+        rows: how they are distributed.
+        matrix: PETSc's, the same object after an update.
+        comm: PETSc's communicator.
+    """
+
+    def __init__(self, ranks: World, values: Vector, columns: Numbers, starts: Numbers) -> None:
+        """Take the rows of this rank's matrix, compressed.
+
+        Raises:
+            SolverError: a row is empty on all ranks.
+        """
+        from petsc4py import PETSc
+
+        PETSc.garbage_cleanup(PETSc.COMM_SELF)  # petsc4py keeps what Python has dropped
+        self._ranks = ranks
+        self.comm = PETSc.COMM_SELF if ranks is ALONE else PETSc.COMM_WORLD
+        touched = np.flatnonzero(np.diff(starts))
+        self.rows = Rows.of(ranks, len(starts) - 1, touched)
+        place = np.full(len(starts) - 1, -1, dtype=PETSc.IntType)
+        place[touched] = np.arange(len(touched))
+        self._pattern = np.append(starts[touched], starts[-1]).astype(PETSc.IntType), place[columns]
+        there = PETSc.LGMap().create(self.rows.number[touched].astype(PETSc.IntType), comm=self.comm)
+        size = (self.rows.mine.stop - self.rows.mine.start, len(starts) - 1)
+        self._mine = PETSc.Mat().createAIJ((len(touched),) * 2, csr=(*self._pattern, values), comm=PETSc.COMM_SELF)
+        self._sum = PETSc.Mat().create(self.comm)
+        self._sum.setSizes((size, size))
+        self._sum.setType("is")
+        self._sum.setLGMap(there, there)
+        self._sum.setISLocalMat(self._mine)
+        self._sum.assemble()
+        self.matrix = self._sum.convert("aij", PETSc.Mat())
+        self._right, self._solution = self.matrix.createVecs()
+        self.keep(there, self._mine, self._sum, self.matrix, self._right, self._solution)
+
+    def keep(self, *objects: Any) -> None:
+        """Keep what PETSc destroys on all ranks together."""
+        if self._ranks is not ALONE:
+            _kept.extend(objects)
+
+    def update(self, values: Vector) -> None:
+        """Take new values of the same pattern."""
+        self._mine.setValuesCSR(*self._pattern, values)
+        self._mine.assemble()
+        self._sum.assemble()
+        self._sum.convert("aij", self.matrix)
+
+    def scale_columns(self, scale: Vector) -> None:
+        """Multiply the columns, until the next update, with factors that every rank has of all."""
+        self._solution.array[:] = self.part(scale)
+        self.matrix.diagonalScale(None, self._solution)
+
+    def indices(self, numbers: Numbers) -> Any:
+        """Return a choice of the distributed rows as PETSc's, of which each rank has its own."""
+        from petsc4py import PETSc
+
+        mine = numbers[(self.rows.mine.start <= numbers) & (numbers < self.rows.mine.stop)]
+        return PETSc.IS().createGeneral(np.sort(mine).astype(PETSc.IntType), comm=self.comm)
+
+    def part(self, whole: Vector) -> Vector:
+        """Return of a vector that every rank has the rows of this one."""
+        return whole[self.rows.order[self.rows.mine]]
+
+    def solved(self, solver: Any, right: Vector) -> Vector:
+        """Return what one of PETSc's solvers finds; all ranks give the whole right-hand side and get the whole."""
+        self._right.array[:] = self.part(right)
+        solver.solve(self._right, self._solution)
+        whole = np.zeros(len(self.rows.order))
+        whole[self.rows.order[self.rows.mine]] = self._solution.array
+        self._ranks.add(whole)
+        return whole

@@ -1,0 +1,1 @@
+"""Laws of fluids, one per file."""

@@ -1,0 +1,1 @@
+"""Laws of solids, one per file: the stored energy and, where they exist, the initial moduli."""

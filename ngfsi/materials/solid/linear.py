@@ -1,0 +1,31 @@
+"""Base of the laws that are given by Young's modulus and Poisson ratio and differ only at finite strain."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from ngfsi.materials.law import SolidLaw
+from ngfsi.materials.solid import moduli
+from ngfsi.units import Pressure
+
+
+class LinearAtRest(SolidLaw):
+    """A solid whose parameters are those of linear elasticity."""
+
+    young: Pressure = Field(gt=0)
+    poisson: float = Field(gt=-1, lt=0.5)
+
+    @property
+    def shear_modulus(self) -> float:
+        """Initial shear modulus (Pa), Lame's mu."""
+        return moduli.shear(self.young, self.poisson)
+
+    @property
+    def bulk_modulus(self) -> float:
+        """Initial bulk modulus (Pa)."""
+        return moduli.bulk(self.young, self.poisson)
+
+    @property
+    def lame(self) -> float:
+        """Lame's first constant lambda (Pa)."""
+        return moduli.lame(self.young, self.poisson)

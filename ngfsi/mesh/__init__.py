@@ -1,0 +1,1 @@
+"""Meshes: generated in a guarded process, curved, and with checked names."""

@@ -1,0 +1,291 @@
+"""Domain: a curved mesh in metres whose region and boundary names are checked.
+
+NGSolve silently integrates over nothing when a name is misspelt; every name goes through `Domain`, which raises
+instead. Names are plain words (`[a-z][a-z0-9_]*`), never patterns.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import netgen.meshing as nm
+import ngsolve
+import numpy as np
+from ngsolve import BND, VOL, CoefficientFunction, Mesh, Region, specialcf
+from numpy.typing import NDArray
+
+from ngfsi.errors import MeshError, RegionError, unknown
+from ngfsi.mesh.curving import ShapeMap
+from ngfsi.mesh.generate import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
+
+LARGEST_VOLUME_ERROR = 0.01
+"""Relative; a mesh that lost its curvature has several times as much."""
+
+CHORD_ITERATIONS = 30
+Array = NDArray[np.float64]
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+class Geometry(Protocol):
+    """What `Domain` needs to know of a geometry; lengths in metres."""
+
+    @property
+    def solids(self) -> tuple[str, ...]:
+        """Names of the regions of the solids."""
+
+    @property
+    def fluid(self) -> str | None:
+        """Name of the region of the fluid; None: there is none."""
+
+    @property
+    def curving_order(self) -> int:
+        """Polynomial order of the curved elements."""
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        """Every boundary the mesh must have; on an edge between two the shape map follows the earlier one."""
+
+    @property
+    def internal_names(self) -> tuple[str, ...]:
+        """Boundaries inside one region that the mesh may have."""
+
+    def mesh_attempts(self) -> Sequence[str]:
+        """Return a description of each way to mesh, in the order to be tried."""
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:
+        """Return the straight Netgen mesh with names and geometry; may crash or hang."""
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Boundaries that are fixed in space, and to which the fluid sticks."""
+
+    @property
+    def size(self) -> float:
+        """Length [m] against which displacements are judged: of what the fluid flows through or around."""
+
+    def inflow(self) -> CoefficientFunction:
+        """Return the velocity of unit mean with which the fluid enters through the inlet of the reference shape."""
+
+    def shape_map(self) -> ShapeMap | None:
+        """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region of the reference shape."""
+
+
+class Vein(Geometry, Protocol):
+    """A geometry whose fluid flows through a straight vein, of which cross-sections can be taken."""
+
+    @property
+    def fluid(self) -> str:
+        """Name of the region of the blood."""
+
+    @property
+    def length(self) -> float:
+        """Length of the vein [m], from z = 0 to z = length."""
+
+    @property
+    def lumen_radius(self) -> float:
+        """Radius of the lumen [m]."""
+
+    @property
+    def vein_centre(self) -> tuple[float, float]:
+        """Position (x, y) of the vein's axis [m]."""
+
+
+class Domain:
+    """The reference shape: mesh, regions and boundaries.
+
+    Attributes:
+        mesh: NGSolve mesh in metres, straight, with the displacement to the curved reference shape set as deformation.
+        geometry: what was meshed.
+        report: how the mesh came about.
+    """
+
+    def __init__(self, mesh: Mesh, geometry: Geometry, report: MeshReport) -> None:
+        self.mesh = mesh
+        self.geometry = geometry
+        self.report = report
+        self._check_names()
+        # must live as long as the mesh
+        self._shape = shape_of(mesh, geometry)
+        self._quality = check_shape(mesh, self._shape)
+        mesh.SetDeformation(self._shape)
+        self._volume_errors = self._check_volumes()
+
+    @classmethod
+    def build(cls, geometry: Geometry, *, timeout: float = TIMEOUT, cache: bool = True) -> Domain:
+        """Mesh a geometry (in a guarded child process, or from the cache), curve it and check it.
+
+        Args:
+            timeout: seconds allowed for each attempt of the mesher.
+            cache: whether a mesh made earlier may be used and this one kept.
+
+        Raises:
+            MeshError: meshing failed in every way, or gave inverted elements or other names than promised.
+        """
+        straight, report = generate(geometry, timeout=timeout, cache=cache)
+        with quiet():
+            return cls(Mesh(straight), geometry, report)
+
+    @property
+    def regions(self) -> tuple[str, ...]:
+        """Names of all regions, the solids first."""
+        fluid = self.geometry.fluid
+        return self.geometry.solids if fluid is None else (*self.geometry.solids, fluid)
+
+    @property
+    def fluid(self) -> str:
+        """Name of the region of the fluid.
+
+        Raises:
+            RegionError: there is none.
+        """
+        if self.geometry.fluid is None:
+            raise RegionError(f"{type(self.geometry).__name__} has no fluid")
+        return self.geometry.fluid
+
+    def has_boundary(self, name: str) -> bool:
+        """Whether the geometry has such a boundary."""
+        return name in self.geometry.boundary_names
+
+    def materials(self, *names: str) -> Region:
+        """Return the union of regions; without names all of them."""
+        return self._region(VOL, "region", names)
+
+    def boundaries(self, *names: str) -> Region:
+        """Return the union of boundaries; without names all of them."""
+        return self._region(BND, "boundary", names)
+
+    def dx(self, *names: str, **options: Any) -> Any:
+        """Return the volume measure of regions; options as of `ngsolve.dx` (bonus_intorder, element_boundary, ...)."""
+        return ngsolve.dx(definedon=self.materials(*names), **options)
+
+    def ds(self, *names: str, **options: Any) -> Any:
+        """Return the surface measure of boundaries; options as of `ngsolve.ds`."""
+        return ngsolve.ds(definedon=self.boundaries(*names), **options)
+
+    def outward_normal(self) -> Any:
+        """Return the normal of the reference shape that points out of the fluid, on its boundaries.
+
+        NGSolve's own points from one side of a face to the other in an order of the mesh's.
+        """
+        fluid = self.mesh.GetMaterials().index(self.fluid) + 1
+        faces = [self.mesh.ngmesh.FaceDescriptor(i + 1) for i in range(len(self.mesh.GetBoundaries()))]
+        return CoefficientFunction([1.0 if face.domin == fluid else -1.0 for face in faces]) * specialcf.normal(3)
+
+    def volume(self, *names: str) -> float:
+        """Return the volume [m3] of regions."""
+        return float(ngsolve.Integrate(CoefficientFunction(1.0) * self.dx(*names, bonus_intorder=8), self.mesh))
+
+    def area(self, *names: str) -> float:
+        """Return the area [m2] of boundaries."""
+        return float(ngsolve.Integrate(CoefficientFunction(1.0) * self.ds(*names, bonus_intorder=8), self.mesh))
+
+    def on_straight_mesh(self, points: Array) -> Array:
+        """Return where points (n, dim) of the curved reference shape lie in the straight mesh.
+
+        NGSolve looks points up in the mesh without its deformation, where curved boundaries run along chords.
+        """
+        place = CoefficientFunction((ngsolve.x, ngsolve.y, ngsolve.z)[: self.mesh.dim])
+        straight = points.copy()
+        for _ in range(CHORD_ITERATIONS):
+            straight += points - place(self.mesh(*straight.T))
+        return straight
+
+    def value(self, field: Any, *point: float) -> Any:
+        """Return the value of a field at a point of the reference shape [m].
+
+        Raises:
+            RegionError: the point lies outside.
+        """
+        try:
+            (straight,) = self.on_straight_mesh(np.array([point], dtype=float))
+            return field(self.mesh(*straight))
+        except nm.NgException:
+            place = ", ".join(f"{x:g}" for x in point)
+            raise RegionError(f"the point ({place}) m is not inside of {type(self.geometry).__name__}") from None
+
+    def statistics(self) -> dict[str, Any]:
+        """Return facts for the record: elements by type and region, their quality, volume errors, how it was meshed."""
+        elements = list(self.mesh.Elements(VOL))
+        return {
+            "elements": self.mesh.ne,
+            "vertices": self.mesh.nv,
+            "elements_by_type": dict(Counter(element.type.name.lower() for element in elements)),
+            "elements_by_region": dict(Counter(element.mat for element in elements)),
+            "curving_order": self.geometry.curving_order,
+            "smallest_jacobian_ratio": self._quality,
+            "relative_volume_errors": self._volume_errors,
+            "way_of_meshing": self.report.way,
+            "warnings": list(self.report.warnings),
+            "meshing_seconds": self.report.seconds,
+            "from_cache": self.report.cached,
+        }
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of points and elements: unknowns of one mesh mean nothing on another."""
+        points = np.array([vertex.point for vertex in self.mesh.vertices])
+        elements = [[vertex.nr for vertex in element.vertices] for element in self.mesh.Elements(VOL)]
+        return hashlib.sha256(points.tobytes() + repr(elements).encode()).hexdigest()[:32]
+
+    def _names(self, kind: Any) -> tuple[str, ...]:
+        return tuple(self.mesh.GetMaterials() if kind == VOL else self.mesh.GetBoundaries())
+
+    def _region(self, kind: Any, what: str, names: tuple[str, ...]) -> Region:
+        known = self._names(kind)
+        for name in names:
+            if not isinstance(name, str) or not NAME.fullmatch(name) or name not in known:
+                raise RegionError(self._unknown(kind, what, str(name)))
+        return Region(self.mesh, kind, "|".join(names) if names else ".*")
+
+    def _unknown(self, kind: Any, what: str, name: str) -> str:
+        known = set(self._names(kind))
+        other, of_other = ("boundary", BND) if kind == VOL else ("region", VOL)
+        if name in self._names(of_other):
+            return f"'{name}' is a {other}, not a {what}: known as {what} are {', '.join(sorted(known))}"
+        return unknown(what, name, known)
+
+    def _check_names(self) -> None:
+        """Compare the mesh's names with those the geometry promised."""
+        regions = set(self.regions)
+        boundaries, optional = set(self.geometry.boundary_names), set(self.geometry.internal_names)
+        for what, found, wanted, extra in (
+            ("regions", set(self._names(VOL)), regions, set()),
+            ("boundaries", set(self._names(BND)), boundaries, optional),
+        ):
+            missing, surplus = wanted - found, found - wanted - extra
+            if missing or surplus:
+                raise MeshError(
+                    f"the mesh of {type(self.geometry).__name__} has other {what} than promised: "
+                    f"missing {sorted(missing) or 'none'}, not promised {sorted(surplus) or 'none'}"
+                )
+
+    def _check_volumes(self) -> dict[str, float]:
+        """Return the relative volume error of each region; raise when curved elements do not follow the geometry."""
+        exact = self.geometry.exact_volumes()
+        errors = {name: self.volume(name) / exact[name] - 1 for name in exact}
+        worst = max(errors, key=lambda name: abs(errors[name]))
+        if self.geometry.curving_order > 1 and abs(errors[worst]) > LARGEST_VOLUME_ERROR:
+            raise MeshError(
+                f"region '{worst}' of the mesh has {errors[worst]:+.1%} of volume against the exact shape: make the "
+                "elements smaller or the curving order higher"
+            )
+        return errors
+
+
+def elements_at(domain: Domain, region: str, boundary: str) -> ngsolve.BitArray:
+    """Return the elements of a region that touch a boundary."""
+    mesh = domain.mesh
+    touching = {v.nr for element in domain.boundaries(boundary).Elements() for v in element.vertices}
+    chosen = ngsolve.BitArray(mesh.ne)
+    chosen[:] = False
+    for element in domain.materials(region).Elements():
+        if any(v.nr in touching for v in element.vertices):
+            chosen[element.nr] = True
+    return chosen

@@ -1,0 +1,1 @@
+"""Closed outlines as splines, displacements along them, and their registration between images."""

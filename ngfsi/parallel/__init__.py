@@ -1,0 +1,1 @@
+"""The processes of one run under mpirun, and the seconds by kind of work."""

@@ -1,0 +1,1 @@
+"""Charts, figures, pictures, tables and the HTML report of stored runs."""

@@ -1,0 +1,336 @@
+"""Interactive charts of stored runs (plotly): each function returns a figure, values under the pointer, units on all
+axes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import pyvista as pv
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
+from scipy.interpolate import griddata
+
+from ngfsi.analysis.decomposition import decompose
+from ngfsi.analysis.transmission import Surroundings
+from ngfsi.analysis.tube import Comparison, areas, externals, transmural, tube_laws
+from ngfsi.report.figures import COLOURS, QUIET
+from ngfsi.store.fields import COLLAPSE, DISPLACEMENT, REGION
+from ngfsi.store.stored import StoredRun
+from ngfsi.units import from_si
+
+Array = NDArray[np.float64]
+Runs = Mapping[str, StoredRun]
+"""Title -> run, in the order of their colours."""
+
+SCALE = "Viridis"
+"""Of the colours of fields: even steps of brightness, for colour-blind readers too."""
+LONGEST = 1.9
+"""Longest side of a scene, in plotly's units."""
+SIDEWAYS: dict[str, Any] = {"eye": {"x": 0.2, "y": 1.1, "z": 0.2}, "up": {"x": 1, "y": 0, "z": 0}}
+FROM_ABOVE: dict[str, Any] = {"eye": {"x": 0.9, "y": -2.1, "z": 2.0}, "up": {"x": 0, "y": 0, "z": 1}}
+CUT_POINTS, AROUND, ALONG = 181, 121, 61
+"""Points across a cut, and of an unrolled wall."""
+OFF_FACES = 0.01
+"""Share of the length by which a cut lies off mid-length."""
+MODE_DRAWN = 0.4
+"""Largest motion of a mode that is drawn, over the lumen's radius."""
+SHEAR = "wall_shear_magnitude_Pa"
+
+
+def over_time(
+    runs: Runs, quantities: Mapping[str, Callable[[StoredRun], Array]], label: str, *, dashed: Sequence[str] = ()
+) -> go.Figure:
+    """Return quantities over time, a colour per run and a line per quantity.
+
+    Args:
+        quantities: name -> values at the times of a run's series.
+        label: of the vertical axis, with the unit.
+        dashed: names of quantities drawn dashed.
+    """
+    figure = _figure("time [s]", label)
+    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+        for name, values in quantities.items():
+            dash = "dash" if name in dashed else "solid"
+            text = f"{title}: {name}" if len(quantities) > 1 else title
+            figure.add_scatter(
+                x=run.series["time_s"], y=values(run), name=text, mode="lines", line={"color": colour, "dash": dash}
+            )
+    return figure
+
+
+def causes(runs: Runs) -> go.Figure:
+    """Return the rise of SAWSS by cause over time, stacked, a panel per run."""
+    figure = _panels(list(runs), "time [s]", "SAWSS [Pa]", shared_yaxes=True)
+    for column, run in enumerate(runs.values(), start=1):
+        times = run.series["time_s"]
+        for colour, (cause, values) in zip([QUIET, *COLOURS], decompose(run.series).items(), strict=False):
+            figure.add_bar(x=times, y=values, name=cause, marker_color=colour, legendgroup=cause,
+                           showlegend=column == 1, row=1, col=column)  # fmt: skip
+        figure.add_scatter(x=times, y=run.series["sawss_Pa"], name="computed", mode="lines", legendgroup="computed",
+                           showlegend=column == 1, line={"color": "black"}, row=1, col=column)  # fmt: skip
+    return figure.update_layout(barmode="relative", bargap=0)
+
+
+def along_vein(runs: Runs, prefix: str, suffix: str, factor: float, label: str) -> go.Figure:
+    """Return a quantity that the series hold for each station, over the position along the vein: first (dotted) and
+    last."""
+    figure = _figure("position along the vein [mm]", label)
+    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+        columns = sorted(name for name in run.series if name.startswith(prefix) and name.endswith(suffix))
+        if not columns:
+            raise KeyError(f"{prefix}00{suffix}")
+        heights = np.linspace(0, run.case.geometry.length * 1e3, len(columns))
+        for row, dash in ((0, "dot"), (-1, "solid")):
+            values = [factor * run.series[name][row] for name in columns]
+            figure.add_scatter(x=heights, y=values, name=f"{title}, t = {run.series['time_s'][row]:.3g} s",
+                               mode="lines+markers", line={"color": colour, "dash": dash})  # fmt: skip
+    return figure
+
+
+def tube_law(runs: Runs) -> go.Figure:
+    """Return the area at mid-length over the transmural pressure against the skin (filled) and against the tissue's
+    traction on the wall (hollow), with the laws fitted to the first there is, a panel per run."""
+    figure = _panels(list(runs), "transmural pressure [kPa]", "area at mid-length [mm²]", shared_yaxes=True)
+    for column, run in enumerate(runs.values(), start=1):
+        place, shown = {"row": 1, "col": column}, {"showlegend": column == 1}
+        area = areas(run)
+        middle = area.shape[1] // 2
+        for against in externals(run):
+            symbol = "circle" if against == "skin" else "circle-open"
+            pressure = transmural(run, against)[:, middle]
+            figure.add_scatter(x=pressure / 1e3, y=area[:, middle] * 1e6, name=f"computed, against {against}",
+                               mode="markers", marker={"color": QUIET, "symbol": symbol}, **shown, **place)  # fmt: skip
+        range_of = np.linspace(area[:, middle].min(), area[:, middle].max(), 60)
+        for colour, (name, fits) in zip(_colours(), tube_laws(run, externals(run)[0]).items(), strict=False):
+            figure.add_scatter(x=fits[middle].law.pressure(range_of) / 1e3, y=range_of * 1e6, name=name, mode="lines",
+                               line={"color": colour}, **shown, **place)  # fmt: skip
+    return figure
+
+
+def one_dimension(comparisons: Mapping[str, Comparison]) -> go.Figure:
+    """Return area, outflow and SAWSS over time in three dimensions (solid) and in one (dashed)."""
+    units = {"area": ("mean area [mm²]", 1e6), "flow": ("outflow [ml/s]", 1e6), "SAWSS": ("SAWSS [Pa]", 1.0)}
+    figure = _style(make_subplots(1, len(units), horizontal_spacing=0.08)).update_xaxes(title="time [s]")
+    for column, (quantity, (label, factor)) in enumerate(units.items(), start=1):
+        figure.update_yaxes(title=label, col=column)
+        for (title, compared), colour in zip(comparisons.items(), _colours(), strict=False):
+            for what, values, dash in (("3-D", compared.three, "solid"), ("1-D", compared.one, "dash")):
+                figure.add_scatter(x=compared.solution.times, y=factor * values[quantity], name=f"{title}, {what}",
+                                   mode="lines", line={"color": colour, "dash": dash}, showlegend=column == 1, row=1,
+                                   col=column)  # fmt: skip
+    return figure
+
+
+def outlines(runs: Runs) -> go.Figure:
+    """Return the outline of the lumen at mid-length, first (grey) and last, a panel per run."""
+    figure = _panels(list(runs), "x, lateral [mm]", "y, anterior [mm]")
+    for column, (run, colour) in enumerate(zip(runs.values(), _colours(), strict=False), start=1):
+        for time, shade in ((0.0, QUIET), (np.inf, colour)):
+            found, rings = run.outlines(min(time, float(run.series["time_s"][-1])))
+            ring = rings[len(rings) // 2, :, :2] * 1e3
+            x, y = np.vstack([ring, ring[:1]]).T
+            figure.add_scatter(x=x, y=y, name=f"t = {found:.3g} s", mode="lines", line={"color": shade}, row=1,
+                               col=column)  # fmt: skip
+        figure.update_yaxes(scaleanchor=f"x{column if column > 1 else ''}", row=1, col=column)
+    return figure
+
+
+def cut(runs: Runs) -> go.Figure:
+    """Return the hydrostatic pressure of the solids in the deformed calf's section at mid-length, at the last time."""
+    figure = _panels(list(runs), "x, lateral [mm]", "y, anterior [mm]")
+    images = [_section(run) for run in runs.values()]
+    known = np.concatenate([pressure[np.isfinite(pressure)] for *_, pressure in images])
+    low, high = np.percentile(known, [1, 99]) if len(known) else (0.0, 1.0)
+    for column, (x, y, pressure) in enumerate(images, start=1):
+        figure.add_heatmap(x=x, y=y, z=pressure, colorscale=SCALE, zmin=low, zmax=high, showscale=column == 1,
+                           colorbar={"title": "kPa"}, hovertemplate="%{z:.2f} kPa<extra></extra>", row=1,
+                           col=column)  # fmt: skip
+        figure.update_yaxes(scaleanchor=f"x{column if column > 1 else ''}", row=1, col=column)
+    return figure
+
+
+def _section(run: StoredRun) -> tuple[Array, Array, Array]:
+    """Return x, y [mm] and hydrostatic pressure [kPa] on a grid, NaN outside of the solids."""
+    grid = _solids(run)
+    low, high = np.array(grid.bounds[::2]), np.array(grid.bounds[1::2])
+    size = float(max(high[:2] - low[:2])) / (CUT_POINTS - 1)
+    # off the faces between elements, where VTK finds a point in either of them or in none
+    height = low[2] + (0.5 + OFF_FACES) * (high[2] - low[2])
+    image = pv.ImageData(dimensions=(CUT_POINTS, CUT_POINTS, 1), spacing=(size, size, 1.0),
+                         origin=(low[0], low[1], height))  # fmt: skip
+    sampled = image.sample(grid.triangulate())
+    values = np.asarray(sampled.point_data["hydrostatic_pressure_Pa"], dtype=float) / 1e3
+    values[np.asarray(sampled.point_data["vtkValidPointMask"]) == 0] = np.nan
+    x, y = (1e3 * (low[i] + size * np.arange(CUT_POINTS)) for i in range(2))
+    return x, y, values.reshape(CUT_POINTS, CUT_POINTS)
+
+
+def around(runs: Runs) -> go.Figure:
+    """Return the hydrostatic pressure of the tissue at the vein's wall over the angle, first (dotted) and last."""
+    figure = _figure("angle from x, lateral [deg]", "pressure at the wall [kPa]")
+    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+        for time, dash in ((run.field_times()[0], "dot"), (run.field_times()[-1], "solid")):
+            angle, pressure = Surroundings.of(run, time).by_angle()
+            figure.add_scatter(x=np.degrees(angle), y=pressure / 1e3, name=f"{title}, t = {time:.3g} s",
+                               mode="lines+markers", connectgaps=True,
+                               line={"color": colour, "dash": dash})  # fmt: skip
+    return figure
+
+
+def unrolled(runs: Runs) -> go.Figure:
+    """Return the wall shear stress at the last time over the angle around and the position along the vein."""
+    figure = _panels(list(runs), "angle from x [deg]", "position along the vein [mm]", shared_yaxes=True)
+    for column, run in enumerate(runs.values(), start=1):
+        angle, height, shear = unroll(run)
+        figure.add_heatmap(x=angle, y=height, z=shear, coloraxis="coloraxis",
+                           hovertemplate="%{x:.0f} deg, %{y:.1f} mm: %{z:.4f} Pa<extra></extra>", row=1,
+                           col=column)  # fmt: skip
+    return figure.update_layout(coloraxis={"colorscale": SCALE, "colorbar": {"title": "Pa"}})
+
+
+def unroll(run: StoredRun) -> tuple[Array, Array, Array]:
+    """Return angles [deg], heights [mm] and wall shear stress [Pa] (heights, angles) of the last stored wall.
+
+    Angle and height are those of a point of the wall at the first stored time.
+    """
+    times = run.field_times("wall")
+    place, values = run.fields(times[0], "wall").points, run.fields(times[-1], "wall").point_data[SHEAR]
+    x, y = (place[:, i] - run.case.geometry.vein_centre[i] for i in range(2))
+    angle = np.degrees(np.arctan2(y, x))
+    known = np.column_stack([np.concatenate([angle + turn for turn in (-360, 0, 360)]), np.tile(place[:, 2] * 1e3, 3)])
+    angles, heights = np.linspace(-180, 180, AROUND), 1e3 * np.linspace(place[:, 2].min(), place[:, 2].max(), ALONG)
+    wanted = tuple(np.meshgrid(angles, heights))
+    # degrees and millimetres are of like size, which the triangulation needs
+    values = np.tile(np.asarray(values, dtype=float), 3)
+    linear, nearest = (griddata(known, values, wanted, method=method) for method in ("linear", "nearest"))
+    return angles, heights, np.where(np.isfinite(linear), linear, nearest)
+
+
+def vein(run: StoredRun) -> go.Figure:
+    """Return the vein's deformed inner wall with its wall shear stress, to be turned, at each of up to seven times."""
+    times = run.field_times("wall")
+    chosen = [times[i] for i in np.unique(np.linspace(0, len(times) - 1, min(7, len(times))).round().astype(int))]
+    walls = [run.fields(time, "wall") for time in chosen]
+    high = float(np.percentile(walls[-1].point_data[SHEAR], 99))
+    traces = [
+        _surface(wall.extract_surface(algorithm="dataset_surface"), wall.point_data[SHEAR], "Pa", (0.0, high))
+        for wall in walls
+    ]
+    return _stages(traces, [f"{time:.3g} s" for time in chosen], SIDEWAYS)
+
+
+def tissue(run: StoredRun) -> go.Figure:
+    """Return the lower half of the deformed tissue, coloured by displacement, to be turned, first and last."""
+    traces = []
+    times = run.field_times()
+    last = _lower_half(run, times[-1])
+    high = float(last.point_data["size"].max())
+    for half in (_lower_half(run, times[0]), last):
+        traces.append(_surface(half, half.point_data["size"], "mm", (0.0, high)))
+    return _stages(traces, [f"{time:.3g} s" for time in (times[0], times[-1])], FROM_ABOVE)
+
+
+def stability(runs: Runs) -> go.Figure:
+    """Return the pressure at which each run's vein would collapse, as extrapolated at each stage, over the pressure on
+    the skin, and the smallest eigenvalue."""
+    figure = _style(make_subplots(1, 2, horizontal_spacing=0.12)).update_xaxes(title="pressure on the skin [mmHg]")
+    figure.update_yaxes(title="critical pressure on the skin [mmHg]", col=1)
+    figure.update_yaxes(title="smallest eigenvalue [1/s²]", col=2)
+    highest = 0.0
+    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+        table = run.stability
+        if not table:
+            continue
+        skin, critical = (
+            np.array([from_si(value, "mmHg") for value in table[name]])
+            for name in ("skin_pressure_Pa", "critical_skin_pressure_Pa")
+        )
+        highest = max(highest, float(skin.max()))
+        for column, values in ((1, np.where(np.isfinite(critical), critical, np.nan)),
+                               (2, table["smallest_eigenvalue_1_s2"])):  # fmt: skip
+            figure.add_scatter(x=skin, y=values, name=title, mode="lines+markers", line={"color": colour},
+                               legendgroup=title, showlegend=column == 2, row=1, col=column)  # fmt: skip
+    figure.add_scatter(x=[0, highest], y=[0, highest], name="collapse", mode="lines",
+                       line={"color": QUIET, "dash": "dash"}, row=1, col=1)  # fmt: skip
+    return figure
+
+
+def collapse(run: StoredRun) -> go.Figure:
+    """Return the lower half of the tissue moved along the last stage's mode of collapse, coloured by its size."""
+    half = _lower_half(run, np.inf)
+    if COLLAPSE not in half.point_data:
+        raise KeyError(COLLAPSE)
+    mode = np.asarray(half.point_data[COLLAPSE], dtype=float)
+    size = np.linalg.norm(mode, axis=1)
+    half.points += (MODE_DRAWN * run.case.geometry.lumen_radius / size.max() * mode).astype(half.points.dtype)
+    return _stages([_surface(half, size / size.max(), "1", (0.0, 1.0))], [f"{run.field_times()[-1]:.3g} s"], FROM_ABOVE)
+
+
+def _lower_half(run: StoredRun, time: float) -> Any:
+    solid = _solids(run, time)
+    solid.point_data["size"] = np.linalg.norm(solid.point_data[DISPLACEMENT], axis=1) * 1e3
+    low, high = solid.bounds[4:]
+    return solid.clip("z", origin=(0.0, 0.0, low + (0.5 + OFF_FACES) * (high - low))).extract_surface(
+        nonlinear_subdivision=1, algorithm="dataset_surface"
+    )
+
+
+def _solids(run: StoredRun, time: float = np.inf) -> Any:
+    grid = run.fields(min(time, run.field_times()[-1]))
+    fluid = [str(name) for name in grid.field_data["regions"]].index(run.case.geometry.fluid)
+    return grid.extract_cells(np.flatnonzero(grid.cell_data[REGION] != fluid))
+
+
+def _surface(surface: Any, values: Any, unit: str, limits: tuple[float, float]) -> go.Mesh3d:
+    """Return a coloured surface in mm."""
+    triangles = surface.triangulate()
+    x, y, z = np.asarray(triangles.points, dtype=np.float32).T * 1e3
+    i, j, k = np.asarray(triangles.regular_faces, dtype=np.int32).T
+    shown = np.asarray(values, dtype=np.float32)
+    return go.Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, intensity=shown, colorscale=SCALE, cmin=limits[0], cmax=limits[1],
+                     colorbar={"title": unit}, lighting={"ambient": 0.7, "diffuse": 0.4, "specular": 0.05},
+                     hovertemplate=f"%{{intensity:.4g}} {unit}<extra></extra>")  # fmt: skip
+
+
+def _stages(traces: Sequence[go.Mesh3d], labels: Sequence[str], camera: Mapping[str, Any]) -> go.Figure:
+    """Return surfaces of which one is shown, the last at first, with a slider for the others."""
+    for trace in traces:
+        trace.visible = trace is traces[-1]
+    steps = [
+        {"method": "restyle", "label": label, "args": [{"visible": [n == m for m in range(len(traces))]}]}
+        for n, label in enumerate(labels)
+    ]
+    axes = {f"{name}axis": {"title": f"{name} [mm]"} for name in "xyz"}
+    extents = {name: float(np.ptp(traces[-1][name])) for name in "xyz"}
+    ratio = {name: LONGEST * extent / max(extents.values()) for name, extent in extents.items()}
+    return go.Figure(list(traces)).update_layout(
+        scene={**axes, "aspectmode": "manual", "aspectratio": ratio, "camera": camera},
+        sliders=[{"active": len(traces) - 1, "steps": steps, "currentvalue": {"prefix": "t = "}}],
+        height=560, margin={"l": 20, "r": 20, "t": 10, "b": 40},
+    )  # fmt: skip
+
+
+def _colours() -> list[str]:
+    return list(COLOURS)
+
+
+def _figure(x: str, y: str) -> go.Figure:
+    return _style(go.Figure()).update_layout(xaxis_title=x, yaxis_title=y)
+
+
+def _panels(titles: list[str], x: str, y: str, **options: Any) -> go.Figure:
+    figure = _style(make_subplots(1, len(titles), subplot_titles=titles, **options))
+    figure.update_xaxes(title=x)
+    return figure.update_yaxes(title=y, col=1)
+
+
+def _style(figure: go.Figure) -> go.Figure:
+    return figure.update_layout(
+        template="simple_white",
+        height=420,
+        margin={"l": 60, "r": 20, "t": 40, "b": 50},
+        legend={"orientation": "h", "y": -0.2},
+    )

@@ -1,0 +1,245 @@
+"""Three-dimensional pictures of stored runs, drawn off-screen by pyvista.
+
+A missing or broken OpenGL library may end the process that calls it; pictures are therefore drawn in a child process,
+and a failure is reported in a sentence.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import matplotlib
+import numpy as np
+import pyvista as pv
+from imageio_ffmpeg import write_frames
+from matplotlib import pyplot as plt
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from PIL import Image
+
+from ngfsi import process
+from ngfsi.store.disk import explained
+from ngfsi.store.fields import DISPLACEMENT, REGION
+from ngfsi.store.stored import StoredRun, open_run
+from ngfsi.units import from_si
+
+TIMEOUT = 180.0
+NO_OPENGL = (
+    "3-D pictures need OpenGL, which did not work here (on Debian or Ubuntu: apt-get install libegl1 libgl1 "
+    "libgl1-mesa-dri): {}"
+)
+OPENGL_WORKS = "OpenGL works"
+"""What the child says before it draws."""
+
+FRAMES, FRAME_MS = 60, 80
+"""Of an animation: at most so many, each shown so long."""
+SHEAR = "wall_shear_magnitude_Pa"
+WIDTH = 1500
+"""Pixels across a picture."""
+BONE, BLOOD, COLOURS = "#efe6d2", "#b5322f", "viridis"
+SHADED: dict[str, Any] = {
+    "cmap": COLOURS, "ambient": 0.7, "diffuse": 0.3, "smooth_shading": True, "split_sharp_edges": True,
+    "show_scalar_bar": False,
+}  # fmt: skip
+"""Mostly ambient light, since shades would be read as values."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A picture: what to draw of which runs (title -> folder) at which times [s], and where to put it."""
+
+    kind: Literal["displacement", "wall_shear", "animation"]
+    runs: dict[str, str]
+    times: list[float]
+    path: str
+
+
+def displacement_picture(runs: Mapping[str, StoredRun], time: float, path: Path) -> str:
+    """Draw the deformed tissue at `time` [s], cut open to the vein and coloured by displacement, a panel per run.
+
+    Returns:
+        Why there is no picture; empty when there is one.
+    """
+    folders = {title: str(run.path) for title, run in runs.items()}
+    return _in_child(Request("displacement", folders, [time], str(path)))
+
+
+def wall_shear_picture(runs: Mapping[str, StoredRun], times: Sequence[float], path: Path) -> str:
+    """Draw the wall shear stress on the deformed vein at some times [s], one vein per run and time, to one scale.
+
+    Returns:
+        Why there is no picture; empty when there is one.
+    """
+    folders = {title: str(run.path) for title, run in runs.items()}
+    return _in_child(Request("wall_shear", folders, list(times), str(path)))
+
+
+def animation(run: StoredRun, path: Path) -> str:
+    """Draw the deforming vein with its wall shear stress, a frame for each stored wall, at most `FRAMES`.
+
+    Args:
+        path: .gif or .mp4
+
+    Returns:
+        Why there is no animation; empty when there is one.
+    """
+    times = run.field_times("wall")
+    if not times:
+        return f"the run in '{run.path}' holds no fields of the wall yet"
+    chosen = [times[i] for i in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int))]
+    return _in_child(Request("animation", {run.case.name: str(run.path)}, chosen, str(path)))
+
+
+def _in_child(request: Request) -> str:
+    path = Path(request.path)
+    with explained(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory(prefix="ngfsi-render-") as scratch:
+        file = Path(scratch) / "request.json"
+        file.write_text(json.dumps(asdict(request)), encoding="utf-8")
+        try:
+            child = process.call("ngfsi.report.render:main", file, timeout=TIMEOUT)
+        except subprocess.TimeoutExpired:
+            return f"drawing the picture took longer than {TIMEOUT:g} s and was given up"
+    if child.returncode == 0 and path.exists():
+        return ""
+    said = process.last_line(child.stderr, f"the process ended with code {child.returncode}")
+    return f"the picture could not be drawn: {said}" if OPENGL_WORKS in child.stdout else NO_OPENGL.format(said)
+
+
+def main(file: str) -> None:
+    """Child process: draw the requested picture."""
+    matplotlib.use("Agg")
+    request = Request(**json.loads(Path(file).read_text(encoding="utf-8")))
+    probe = pv.Plotter(off_screen=True, window_size=(10, 10))
+    probe.screenshot()
+    print(OPENGL_WORKS, flush=True)
+    runs = {title: open_run(folder) for title, folder in request.runs.items()}
+    draw = {"displacement": _draw_displacement, "wall_shear": _draw_wall_shear, "animation": _draw_animation}
+    draw[request.kind](runs, request.times, request.path)
+
+
+def _draw_displacement(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
+    solids = {title: _lower_half(run, times[0]) for title, run in runs.items()}
+    limits = (0.0, max(float(solid["displacement"].max()) for solid in solids.values()))
+    images = {}
+    for title, run in runs.items():
+        plotter = _plotter(WIDTH // 2, WIDTH // 2)
+        plotter.add_mesh(solids[title], scalars="displacement", clim=limits, **SHADED)
+        plotter.add_mesh(run.fields(times[0], "wall"), color=BLOOD, smooth_shading=True)
+        for bone in _bones(run):
+            plotter.add_mesh(bone, color=BONE, smooth_shading=True, split_sharp_edges=True)
+        plotter.view_vector((0.4, -0.7, 0.6), viewup=(0, 0, 1))
+        plotter.reset_camera()
+        plotter.camera.zoom(1.15)
+        images[f"{title}, t = {times[0]:g} s"] = plotter.screenshot(return_img=True)
+    note = "upper half of the tissue cut away, seen from behind\nvein red, bones white"
+    _compose(images, path, columns=min(len(images), 3), limits=limits, label="displacement [mm]", note=note)
+
+
+def _lower_half(run: StoredRun, time: float) -> Any:
+    """Return the deformed solids below mid-length with their displacement in mm."""
+    grid = run.fields(time)
+    fluid = [str(name) for name in grid.field_data["regions"]].index(run.case.geometry.fluid)
+    solid = grid.extract_cells(np.flatnonzero(grid.cell_data[REGION] != fluid))
+    solid["displacement"] = np.linalg.norm(solid[DISPLACEMENT], axis=1) * 1e3
+    return solid.clip("z", origin=solid.center)
+
+
+def _bones(run: StoredRun) -> list[Any]:
+    """Return the rigid bones, which the mesh leaves out, standing out a little of the segment."""
+    geometry = run.case.geometry
+    length = geometry.length
+    return [
+        pv.Cylinder((bone.x, bone.y, length / 2), (0, 0, 1), bone.radius * 0.995, length * 1.02, resolution=60)
+        for bone in getattr(geometry, "bones", ())
+    ]
+
+
+def _draw_wall_shear(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
+    walls = {
+        f"{title}, t = {time:g} s": run.fields(time, "wall").clean(tolerance=1e-7)
+        for title, run in runs.items()
+        for time in times
+    }
+    low, high = np.percentile(np.concatenate([wall[SHEAR] for wall in walls.values()]), [1, 99])
+    width, length = (max(float(np.ptp(w.bounds[2 * i : 2 * i + 2])) for w in walls.values()) for i in (0, 2))
+    images = {}
+    for title, wall in walls.items():
+        plotter = _plotter(WIDTH, round(WIDTH * width / length * 1.1))
+        plotter.add_mesh(wall, scalars=SHEAR, clim=(low, high), **SHADED)
+        plotter.enable_parallel_projection()
+        plotter.camera_position = [np.add(wall.center, (0, length, 0)), wall.center, (1, 0, 0)]
+        plotter.camera.parallel_scale = width * 0.52
+        images[title] = plotter.screenshot(return_img=True)
+    note = "deformed inner wall of the vein from the front, all to the same scale; blood flows from left to right"
+    _compose(images, path, columns=1, limits=(low, high), label="wall shear stress [Pa]", note=note)
+
+
+def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
+    (run,) = runs.values()
+    walls = [run.fields(time, "wall").clean(tolerance=1e-7) for time in times]
+    high = float(np.percentile(np.concatenate([wall[SHEAR] for wall in walls]), 99))
+    start = walls[0]
+    width, length = (float(np.ptp(start.bounds[2 * i : 2 * i + 2])) for i in (0, 2))
+    frames = []
+    for time, wall in zip(times, walls, strict=True):
+        plotter = _plotter(WIDTH // 2, WIDTH // 6)
+        bar = {"title": "wall shear stress [Pa]", "color": "black", "position_y": 0.04, "height": 0.12, "n_labels": 3}
+        plotter.add_mesh(wall, scalars=SHEAR, clim=(0.0, high), **SHADED | {"show_scalar_bar": True},
+                         scalar_bar_args=bar)  # fmt: skip
+        pressure = from_si(run.case.loads.skin_pressure(time), "mmHg")
+        plotter.add_text(f"t = {time:.2f} s, {pressure:.1f} mmHg on the skin", font_size=9, color="black")
+        plotter.enable_parallel_projection()
+        # the camera stands still, so that the vein is seen to move
+        plotter.camera_position = [np.add(start.center, (0, length, 0)), start.center, (1, 0, 0)]
+        plotter.camera.parallel_scale = max(1.1 * width, 0.53 * length / 3)  # frames are three times as wide as high
+        frames.append(Image.fromarray(plotter.screenshot(return_img=True)))
+        plotter.close()
+    _save_frames(frames, Path(path))
+
+
+def _save_frames(frames: Sequence[Image.Image], path: Path) -> None:
+    """Write pictures of one size as a film; of H.264, with the pixels that every player shows, if it is an MP4."""
+    if path.suffix.lower() != ".mp4":
+        frames[0].save(path, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0)
+        return
+    film = write_frames(str(path), frames[0].size, fps=1000 / FRAME_MS, macro_block_size=2)
+    film.send(None)
+    for frame in frames:
+        film.send(frame.convert("RGB").tobytes())
+    film.close()
+
+
+def _plotter(width: int, height: int) -> Any:
+    plotter = pv.Plotter(off_screen=True, window_size=(width, height), lighting="none")
+    plotter.add_light(pv.Light(light_type="headlight"))
+    plotter.enable_anti_aliasing("ssaa")
+    return plotter
+
+
+def _compose(
+    images: Mapping[str, Any], path: str, *, columns: int, limits: tuple[float, float], label: str, note: str
+) -> None:
+    """Lay pictures out with their titles above and one colour bar below."""
+    height, width = next(iter(images.values())).shape[:2]
+    rows = -(-len(images) // columns)
+    panel = 9.0 / columns
+    size = (9.0, rows * (panel * height / width + 0.35) + 1.0)
+    figure, panels = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    for axes in panels.flat:
+        axes.set_axis_off()
+    for axes, (title, image) in zip(panels.flat, images.items(), strict=False):
+        axes.imshow(image)
+        axes.set_title(title, fontsize=11, loc="left")
+    scale = ScalarMappable(Normalize(*limits), COLOURS)
+    bar = figure.colorbar(scale, ax=panels, location="bottom", shrink=0.6, aspect=40, pad=0.02)
+    bar.set_label(f"{label}\n{note}", fontsize=10)
+    figure.savefig(path, dpi=150)

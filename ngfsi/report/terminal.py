@@ -1,0 +1,118 @@
+"""Tables for the terminal: a stored run, the parameter sets of materials, the installation."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import ngsolve
+from rich.console import Console, Group, RenderableType
+from rich.table import Column, Table
+from rich.text import Text
+
+from ngfsi.linear.backends import BACKENDS, choose_backend
+from ngfsi.materials import Row
+from ngfsi.mesh.generate import cache_folder
+from ngfsi.store.provenance import versions
+from ngfsi.store.stored import StoredRun
+from ngfsi.units import UNITS
+
+PIPED_WIDTH = 160
+"""Columns where the output is no terminal and need not be folded."""
+
+
+def console() -> Console:
+    """Return a console on standard output that does not fold tables when its output is piped."""
+    found = Console()
+    return found if found.is_terminal else Console(width=PIPED_WIDTH)
+
+
+def split_unit(column: str) -> tuple[str, str]:
+    """Return name and unit of a column, e.g. ("flow_in", "m3/s"); the unit is empty for pure numbers."""
+    units = sorted([*UNITS, "1"], key=len, reverse=True)
+    for unit in units:
+        if column.endswith(f"_{unit}"):
+            name = column.removesuffix(f"_{unit}")
+            return name, "" if unit == "1" else unit.replace("_", " " if "Pa" in unit else "/")
+    return column, ""
+
+
+def run_summary(run: StoredRun) -> RenderableType:
+    """Return what is known of a run: case, how it ended, mesh, effort, and the last row of its series."""
+    case, manifest = run.case, run.manifest
+    facts = {
+        "folder": str(run.path),
+        "case": f"{case.name}: {case.materials.law_of('tissue').label} tissue, {type(case.geometry).__name__}, "
+        f"order {case.discretisation.order}, {case.time.scheme}, {case.time.end:g} s in steps of {case.time.step:g} s",
+        "status": " - ".join(filter(None, (run.status, manifest.get("reason", "")))),
+        "code": _code(manifest),
+    }
+    rest = {key: value for key, value in manifest.items() if key not in _SHOWN}
+    return Group(_pairs({**facts, **_flat(rest)}), *_last_row(run))
+
+
+def installation() -> RenderableType:
+    """Return the versions and the solver that a run would use here."""
+    facts: dict[str, Any] = dict(versions())
+    facts["linear solver"] = choose_backend("auto")
+    for name, backend in BACKENDS.items():
+        facts[f"  {name}"] = backend.missing() or backend.about
+    facts["threads"] = f"{ngsolve.ngsglobals.numthreads} of {os.cpu_count()} processors"
+    facts["mesh cache"] = str(cache_folder())
+    return _pairs(facts)
+
+
+def materials(rows: Iterable[Row]) -> RenderableType:
+    """Return the parameter sets with their initial moduli, and what is odd about them."""
+    listed = list(rows)
+    table = Table("set", "law", *(Column(head, justify="right") for head in _HEADS), title="Parameter sets")
+    for row in listed:
+        moduli = (row.shear_modulus, row.bulk_modulus, row.youngs_modulus)
+        viscosity = "" if row.viscosity is None else f"{row.viscosity * 1e3:.4g}"
+        ratio = "" if row.poissons_ratio is None else f"{row.poissons_ratio:.3f}"
+        numbers = ["" if value is None else f"{value / 1e3:.4g}" for value in moduli]
+        table.add_row(row.name, row.law, *numbers, ratio, f"{row.density:g}", viscosity)
+    odd = [Text(f"! {row.name}: {flag}", style="yellow") for row in listed for flag in row.flags]
+    return Group(table, *odd)
+
+
+_HEADS = ("G0 kPa", "K0 kPa", "E0 kPa", "nu0", "kg/m3", "mPa s")
+_SHOWN = ("case", "case_digest", "status", "reason", "versions", "commit")
+
+
+def _code(manifest: Mapping[str, Any]) -> str:
+    found = manifest.get("versions", {})
+    text = ", ".join(f"{name} {found[name]}" for name in ("ngfsi", "ngsolve", "python") if name in found)
+    commit = manifest.get("commit")
+    return text + (f", commit {commit['id'][:10]}{' with changes' if commit['dirty'] else ''}" if commit else "")
+
+
+def _last_row(run: StoredRun) -> list[RenderableType]:
+    if not run.series or not len(run.series["time_s"]):
+        return [Text("no step is stored yet")]
+    number = len(run.series["time_s"])
+    table = Table("quantity", Column("value", justify="right"), "unit", title=f"Last of {number} stored times")
+    for column, values in run.series.items():
+        name, unit = split_unit(column)
+        table.add_row(name, f"{values[-1]:.6g}", unit)
+    return [table]
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested tables as one, the path as key."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            flat.update(_flat(value, f"{name}."))
+        elif value not in (None, [], ""):
+            flat[name] = f"{value:.6g}" if isinstance(value, float) else value
+    return flat
+
+
+def _pairs(facts: Mapping[str, Any]) -> Table:
+    table = Table.grid("", "", padding=(0, 2))
+    for key, value in facts.items():
+        table.add_row(Text(key, style="bold"), Text(str(value)))
+    return table

@@ -1,0 +1,5 @@
+"""One run, from a case to a folder of results: computed, shown, stopped and resumed."""
+
+from ngfsi.run.computation import resume, run
+
+__all__ = ["resume", "run"]

@@ -1,0 +1,127 @@
+"""What ranks other than 0 do in a run: their share of elements in residuals, linearisations and factors.
+
+Every rank has the whole mesh and whole vectors of unknowns, but integrals, matrices and factors only in part; rank 0
+also has the integrals on boundaries. So a state is known everywhere, and only sums are exchanged.
+"""
+
+from __future__ import annotations
+
+import pickle
+import tomllib
+from functools import partial
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.case import Case
+from ngfsi.errors import CaseError
+from ngfsi.linear.backends import Name
+from ngfsi.mesh.domain import Domain
+from ngfsi.mesh.generate import MeshReport, quiet
+from ngfsi.parallel.ranks import World
+from ngfsi.parallel.stopwatch import Stopwatch
+from ngfsi.solve.newton import Newton
+from ngfsi.system.system import System, Vector
+
+
+def shared_system(case: Case, domain: Domain, watch: Stopwatch, world: World) -> System:
+    """Return the system of a case of which each rank has a share; the others make theirs.
+
+    Raises:
+        CaseError: nobody waits for orders on the other ranks.
+        SolverError: a rank failed.
+    """
+    if world.size == 1:
+        return System(case, domain, watch)
+    if not world.manned:
+        raise CaseError(f"a script runs a case in one process, not in {world.size}: use `mpirun ngfsi run CASE.toml`")
+    owners = shares(domain, world.size)
+    mesh = partial(pickle.dumps, domain.mesh.ngmesh)
+    with world.order("system", case.to_toml, mesh, lambda: domain.report, lambda: owners):
+        return world.together(lambda: System(case, domain, watch, world, _mine(owners, world)))
+
+
+def shares(domain: Domain, count: int) -> NDArray[np.int64]:
+    """Return the rank of each element: each region is cut into compact parts of the same number of elements."""
+    elements = list(domain.mesh.Elements(ng.VOL))
+    centres = np.array([np.mean([domain.mesh[v].point for v in e.vertices], axis=0) for e in elements])
+    regions = np.array([e.mat for e in elements])
+    owners = np.zeros(len(elements), dtype=np.int64)
+    for region in domain.regions:
+        numbers = np.flatnonzero(regions == region)
+        owners[numbers] = _bisected(centres[numbers], count)
+    return owners
+
+
+def _bisected(centres: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Return the part of each point after recursive bisection across the longest extent (Berger and Bokhari, IEEE Trans
+    Comput 36, 1987)."""
+    if count == 1 or not len(centres):
+        return np.zeros(len(centres), dtype=np.int64)
+    axis = int(np.argmax(np.ptp(centres, axis=0)))
+    order = np.argsort(centres[:, axis], kind="stable")
+    left = count // 2
+    lower, upper = np.split(order, [len(order) * left // count])
+    parts = np.empty(len(centres), dtype=np.int64)
+    parts[lower], parts[upper] = _bisected(centres[lower], left), left + _bisected(centres[upper], count - left)
+    return parts
+
+
+def _mine(owners: NDArray[np.int64], world: World) -> ng.BitArray:
+    return ng.BitArray(list(owners == world.rank))
+
+
+class Hand:
+    """A rank other than 0: owns its share of a system and the solvers that rank 0 has made of it."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._system: Any = None
+        self._solvers: dict[int, Newton] = {}
+        self._known: dict[str, Vector] = {}
+
+    def work(self) -> None:
+        """Do what rank 0 orders until it is done."""
+        with ng.TaskManager():
+            self._world.obey(
+                {"system": self.system, "newton": self.newton, "residual": self.residual, "renew": self.renew,
+                 "solve": self.solve}
+            )  # fmt: skip
+
+    def system(self, toml: str, mesh: bytes, report: MeshReport, owners: NDArray[np.int64]) -> None:
+        """Make the system of a case (its file) on a mesh (Netgen's, as bytes)."""
+
+        def make() -> System:
+            case = Case.from_dict(tomllib.loads(toml))
+            with quiet():
+                domain = Domain(ng.Mesh(pickle.loads(mesh)), case.geometry, report)
+            return System(case, domain, world=self._world, elements=_mine(owners, self._world))
+
+        self._system = self._world.together(make)
+
+    def newton(self, backend: Name, blocks: tuple[str, ...]) -> None:
+        """Make a solver on some blocks of unknowns."""
+        solver = Newton(self._system, backend, *blocks)
+        self._solvers[solver.number] = solver
+
+    def residual(self, news: dict[str, Vector]) -> None:
+        """Add to the residual."""
+        self._hear(news)
+        self._system.apply()
+
+    def renew(self, number: int, news: dict[str, Vector]) -> None:
+        """Linearise and factorise."""
+        self._hear(news)
+        self._solvers[number].factorisation.renew(self._system.state.vec)
+
+    def _hear(self, news: dict[str, Vector]) -> None:
+        self._known |= news
+        self._system.restore(self._known)
+
+    def solve(self, number: int, values: Vector) -> None:
+        """Solve for a right-hand side."""
+        residual, update = (self._system.state.vec.CreateVector() for _ in range(2))
+        residual.FV().NumPy()[:] = values
+        self._solvers[number].factorisation.solve(residual, update)

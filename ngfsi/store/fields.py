@@ -1,0 +1,220 @@
+"""Fields of a run for ParaView and pyvista: one .vtu file per time, and a .pvd file that lists the times.
+
+Points are those of the deformed shape; the field `displacement_m` leads back to the reference shape. Volume cells are
+curved, of second order whatever the order of the fields, and do not share points, so that fields may jump between
+regions; the cell field `region` numbers the regions in the order of the field data `regions`.
+
+pyvista takes a quarter of a second to import, for which what writes no fields need not wait.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import ngsolve as ng
+import numpy as np
+
+from ngfsi.errors import OutputError
+from ngfsi.measure.wall import WallSample
+from ngfsi.mesh.domain import Domain
+from ngfsi.store.disk import explained, move_into_place, replace_file
+
+if TYPE_CHECKING:
+    import pyvista as pv
+
+FOLDER = "fields"
+GRIDS, INDEX, NUMBERED = ("volume", "wall"), "{}.pvd", "{}_{:04d}.vtu"
+DISPLACEMENT = "displacement_m"
+REGION = "region"
+COLLAPSE = "collapse_mode_1"
+"""Motion in which the vein would collapse, without a size of its own (see measure/stability.py)."""
+STRESS, DEFORMATION = "stress_Pa", "deformation_gradient_1"
+TENSORS = (STRESS, DEFORMATION)
+"""Tensors of the solids, of which the invariants are written: hydrostatic pressure -tr(sigma)/3, and principal stresses
+and stretches, the largest first."""
+CELL_ORDER = 2
+"""Higher ones make files large without being seen, and hardly any program but ParaView reads them."""
+
+MIRRORED = {
+    "QUADRATIC_TETRA": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
+    "QUADRATIC_HEXAHEDRON": [4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11, 16, 17, 18, 19],
+    "BIQUADRATIC_QUADRATIC_WEDGE": [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8, 12, 13, 14, 15, 16, 17],
+}
+"""VTK's name of a cell -> order of the nodes that turns one of negative volume into the same of positive volume."""
+
+
+class FieldWriter:
+    """Writes the fields of a run into its folder.
+
+    Attributes:
+        times: of the stored fields [s], by kind of grid.
+    """
+
+    def __init__(
+        self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf
+    ) -> None:
+        """Prepare.
+
+        Args:
+            folder: folder of the run.
+            domain: the reference shape.
+            volume_fields: name with unit -> field on the whole domain; `displacement_m` must be among them.
+            until: fields up to this time [s] that the folder holds are kept, later ones removed.
+
+        Raises:
+            OutputError: the folder cannot be read or written.
+        """
+        if DISPLACEMENT not in volume_fields:
+            raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
+        self.folder = folder
+        self._mesh, self._names = domain.mesh, list(volume_fields)
+        # laws are costly to evaluate point by point, as VTK output does: elementwise projections take a 200th of it
+        space = ng.L2(domain.mesh, order=CELL_ORDER, dim=9)
+        self._projected = {
+            name: (ng.GridFunction(space), volume_fields[name]) for name in TENSORS if name in volume_fields
+        }
+        shown = volume_fields | {name: projection for name, (projection, _) in self._projected.items()}
+        self._coefficients = [shown[name] for name in self._names]
+        regions = list(domain.regions)
+        self._regions = regions
+        self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
+        self.times = {
+            name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in GRIDS
+        }
+        self._forget_later_ones()
+
+    def write(self, time: float) -> None:
+        """Store the present fields as those of `time` [s].
+
+        Raises:
+            OutputError: the files cannot be written.
+        """
+        self._store("volume", time, self._volume)
+
+    def write_wall(self, time: float, wall: WallSample) -> None:
+        """Store the sampled wall as that of `time` [s].
+
+        Raises:
+            OutputError: the files cannot be written.
+        """
+        self._store("wall", time, lambda: wall_grid(wall))
+
+    def _store(self, name: str, time: float, make: Callable[[], pv.UnstructuredGrid]) -> None:
+        number = len(self.times[name])
+        self.times[name].append(time)
+        with explained(self.folder / FOLDER):
+            (self.folder / FOLDER).mkdir(exist_ok=True)
+            self._save(make(), self.folder / FOLDER / NUMBERED.format(name, number))
+            self._list(name)
+
+    def _list(self, name: str) -> None:
+        files = [f"{FOLDER}/{file}" for file in self._files(name)]
+        write_index(self.folder / INDEX.format(name), files, self.times[name])
+
+    def _files(self, name: str) -> list[str]:
+        return [NUMBERED.format(name, number) for number in range(len(self.times[name]))]
+
+    def _forget_later_ones(self) -> None:
+        kept = {file for name in GRIDS for file in self._files(name)}
+        with explained(self.folder / FOLDER):
+            for name in GRIDS:
+                if (self.folder / INDEX.format(name)).exists():
+                    self._list(name)
+            for path in (self.folder / FOLDER).glob("*.vtu"):
+                if path.name not in kept:
+                    path.unlink()
+
+    def _volume(self) -> pv.UnstructuredGrid:
+        import pyvista as pv
+
+        for projection, field in self._projected.values():
+            projection.Set(field)
+        raw = self.folder / FOLDER / "unfinished"
+        ng.VTKOutput(
+            self._mesh,
+            coefs=self._coefficients,
+            names=self._names,
+            filename=str(raw),
+            order=CELL_ORDER,
+            floatsize="single",
+        ).Do()
+        written = raw.with_suffix(".vtu")
+        grid = pv.read(written)
+        written.unlink()
+        _orient(grid)
+        grid.points += grid.point_data[DISPLACEMENT]
+        _take_invariants(grid)
+        grid.cell_data[REGION] = self._cell_regions
+        grid.field_data["regions"] = self._regions
+        return grid
+
+    @staticmethod
+    def _save(grid: pv.UnstructuredGrid, path: Path) -> None:
+        partial = path.with_name(f"part-{path.name}")
+        grid.save(partial)
+        move_into_place(partial, path)
+
+
+def _orient(grid: pv.UnstructuredGrid) -> None:
+    """Renumber the nodes of cells that NGSolve wrote with negative volume: its tetrahedra turn the other way."""
+    import pyvista as pv
+
+    negative = grid.compute_cell_sizes()["Volume"] < 0
+    nodes = grid.cell_connectivity
+    for kind, order in MIRRORED.items():
+        first = grid.cell_offsets[:-1][negative & (grid.celltypes == pv.CellType[kind])]
+        nodes[first[:, None] + np.arange(len(order))] = nodes[first[:, None] + order]
+
+
+def _take_invariants(grid: pv.UnstructuredGrid) -> None:
+    """Replace the tensors of the solids, if there are any, by what people look at."""
+    if STRESS in grid.point_data:
+        stress = np.asarray(grid.point_data.pop(STRESS)).reshape(-1, 3, 3)
+        grid.point_data["hydrostatic_pressure_Pa"] = -np.trace(stress, axis1=1, axis2=2) / 3
+        grid.point_data["principal_stresses_Pa"] = np.linalg.eigvalsh(stress)[:, ::-1]
+    if DEFORMATION in grid.point_data:
+        gradient = np.asarray(grid.point_data.pop(DEFORMATION)).reshape(-1, 3, 3)
+        grid.point_data["principal_stretches_1"] = np.linalg.svd(gradient, compute_uv=False)
+
+
+def wall_grid(wall: WallSample) -> pv.UnstructuredGrid:
+    """Return the sampled wall as linear quadrilaterals with wall shear stress and pressure."""
+    import pyvista as pv
+
+    quads = np.column_stack([np.full(len(wall.quads), 4), wall.quads])
+    types = np.full(len(wall.quads), pv.CellType.QUAD)
+    grid = pv.UnstructuredGrid(quads.ravel(), types, wall.points.astype(np.float32))
+    grid.point_data["wall_shear_Pa"] = wall.shear.astype(np.float32)
+    grid.point_data["wall_shear_axial_Pa"] = wall.tangential[:, 0].astype(np.float32)
+    grid.point_data["wall_shear_circumferential_Pa"] = wall.tangential[:, 1].astype(np.float32)
+    grid.point_data["wall_shear_magnitude_Pa"] = np.linalg.norm(wall.shear, axis=1).astype(np.float32)
+    grid.point_data["pressure_Pa"] = wall.pressure.astype(np.float32)
+    return grid
+
+
+def write_index(path: Path, files: Sequence[str], times: Sequence[float]) -> None:
+    """Write the .pvd file that gives each file its time [s]."""
+    root: Any = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
+    collection = ElementTree.SubElement(root, "Collection")
+    for file, time in zip(files, times, strict=True):
+        ElementTree.SubElement(collection, "DataSet", timestep=repr(float(time)), part="0", file=file)
+    ElementTree.indent(root)
+    replace_file(path, ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def read_index(path: Path) -> list[float]:
+    """Return the times [s] in a .pvd file; none if there is no file.
+
+    Raises:
+        OutputError: the file cannot be read.
+    """
+    if not path.exists():
+        return []
+    try:
+        with explained(path, "read"):
+            return [float(entry.attrib["timestep"]) for entry in ElementTree.parse(path).iter("DataSet")]
+    except (ElementTree.ParseError, KeyError, ValueError):
+        raise OutputError(f"'{path}' is not a list of fields") from None

@@ -1,0 +1,1 @@
+"""The coupled system: unknowns, forms, time schemes, residual and tangent."""

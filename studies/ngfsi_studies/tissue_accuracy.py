@@ -1,0 +1,141 @@
+"""Numerical errors of the levels of compare_tissues.py, measured by refinement, with Richardson's error bars.
+
+    python -m ngfsi_studies.tissue_accuracy FOLDER
+
+Space and time are refined one at a time, for M with K 28.45 kPa: three meshes with the step of `demo`, and four steps
+on the mesh of `demo`; a run of one order more on that mesh checks the space. The error of a level is its distance from
+the finest run, plus that run's own error bar, and those of space and time are added. They are kept in
+docs/accuracy.toml, and all runs in docs/accuracy.md. Runs in the folder that are finished are reused.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from math import log2
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from ngfsi.errors import NgfsiError
+from ngfsi.report.tables import markdown_table
+from ngfsi.store.stored import StoredRun
+from ngfsi.study import run_cases
+from ngfsi_studies.compare_tissues import LEVELS, MAIN, case
+from ngfsi_studies.tissue_findings import ACCURACY, SAME_TIME, mean_sawss
+
+DEMO, PAPER, FINE = (LEVELS[name] for name in ("demo", "paper", "fine"))
+RUNS = {
+    "demo_mesh": DEMO,
+    "paper_mesh": PAPER._replace(step=DEMO.step, end=DEMO.end),
+    "fine_mesh": FINE._replace(step=DEMO.step, end=DEMO.end),
+    "order_more": DEMO._replace(order=DEMO.order + 1, mesh=DEMO.mesh.replace(curving_order=DEMO.order + 1)),
+    "double_step": DEMO._replace(step=2 * PAPER.step),
+    "paper_step": DEMO._replace(step=PAPER.step),
+    "half_step": DEMO._replace(step=PAPER.step / 2),
+}
+SPACE, TIME = ("demo_mesh", "paper_mesh", "fine_mesh"), ("double_step", "paper_step", "half_step")
+"""Runs from coarse to fine."""
+LEVEL_RUNS = {
+    "demo": {"space": "demo_mesh", "time": "demo_mesh"},
+    "paper": {"space": "paper_mesh", "time": "paper_step"},
+}
+"""Level -> what is refined -> the run with its mesh or step."""
+ORDER_IN_SPACE = 2.0
+"""Assumed for the error bars, on the safe side: smooth displacements converge with order 4 here, wall shear with 3."""
+SLOWEST, FASTEST = 1.0, 2.0
+"""Range of the observed order in time; beyond it the steps are too coarse to tell."""
+
+Results = dict[str, float]
+
+
+def measure(folder: Path, target: Path = ACCURACY) -> dict[str, dict[str, float]]:
+    """Compute the runs, write the errors of the levels [%] and the table of runs, and return the errors.
+
+    Raises:
+        NgfsiError: a run failed.
+    """
+    outcomes = run_cases({key: case(MAIN[0], level) for key, level in RUNS.items()}, folder)
+    runs: dict[str, StoredRun] = {}
+    for key, outcome in outcomes.items():
+        if outcome.run is None or outcome.failure:
+            raise NgfsiError(f"the run '{key}' in '{folder}' failed: {outcome.failure}")
+        runs[key] = outcome.run
+    found = {key: _at_ramp_end(run) for key, run in runs.items()}
+    bars = {"space": _bar_of_space(runs, found), "time": _bar_of_time(found)}
+    finest = {"space": found[SPACE[-1]], "time": found[TIME[-1]]}
+    errors = {
+        level: _sum({what: _error(found[key], finest[what], bars[what]) for what, key in of.items()})
+        for level, of in LEVEL_RUNS.items()
+    }
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(tomli_w.dumps(errors), encoding="utf-8")
+    target.with_suffix(".md").write_text(_table(runs, found, bars), encoding="utf-8")
+    return errors
+
+
+def _bar_of_space(runs: Mapping[str, StoredRun], found: Mapping[str, Results]) -> Results:
+    """Return the error of the finest mesh, estimated from the mesh before it (Richardson)."""
+    before, last = SPACE[-2:]
+    ratio = (runs[last].manifest["unknowns"] / runs[before].manifest["unknowns"]) ** (1 / 3)
+    return {name: abs(found[before][name] - value) / (ratio**ORDER_IN_SPACE - 1) for name, value in found[last].items()}
+
+
+def _bar_of_time(found: Mapping[str, Results]) -> Results:
+    """Return the error of the shortest step, estimated with the order observed in the last three (Richardson)."""
+    bars = {}
+    for name in found[TIME[-1]]:
+        first, second, third = (found[key][name] for key in TIME)
+        order = log2(abs(first - second) / abs(second - third)) if second != third and first != second else SLOWEST
+        bars[name] = abs(second - third) / (2 ** min(max(order, SLOWEST), FASTEST) - 1)
+    return bars
+
+
+def _error(coarse: Results, finest: Results, bar: Results) -> Results:
+    """Return by how many percent results may be wrong: their distance from the finest, and its own error bar."""
+    return {name: 100 * (abs(value - finest[name]) + bar[name]) / abs(finest[name]) for name, value in coarse.items()}
+
+
+def _at_ramp_end(run: StoredRun) -> Results:
+    end = max(run.case.loads.skin_pressure.breakpoints)
+    row = int(np.searchsorted(run.series["time_s"], end + SAME_TIME)) - 1
+    volume, sawss = (float(run.series[column][row]) for column in ("lumen_volume_m3", "sawss_Pa"))
+    return {"volume": volume, "sawss": sawss, "mean_sawss": mean_sawss(run, end)}
+
+
+def _sum(parts: Mapping[str, Results]) -> Results:
+    """Return each error and its parts, to two digits."""
+    names = next(iter(parts.values()))
+    errors = {f"{name}_percent": sum(part[name] for part in parts.values()) for name in names}
+    errors |= {f"{name}_{what}_percent": part[name] for what, part in parts.items() for name in names}
+    return {name: float(f"{error:.2g}") for name, error in errors.items()}
+
+
+def _table(runs: Mapping[str, StoredRun], found: Mapping[str, Results], bars: Mapping[str, Results]) -> str:
+    """Return the page with all runs and the error bars of the finest ones."""
+    head = ("run", "order", "unknowns", "step (ms)", "mean area (mm2)", "SAWSS (Pa)", "SAWSS, mean of 0.4 s (Pa)")
+    rows = []
+    for key, run in runs.items():
+        area = 1e6 / run.case.geometry.length
+        values = (area * found[key]["volume"], found[key]["sawss"], found[key]["mean_sawss"])
+        about = (str(run.case.discretisation.order), f"{run.manifest['unknowns']:,}", f"{1e3 * run.case.time.step:g}")
+        rows.append((key.replace("_", " "), *about, f"{values[0]:.3f}", *(f"{value:.5f}" for value in values[1:])))
+    for what, key in (("space", SPACE[-1]), ("time", TIME[-1])):
+        shares = [f"{100 * bars[what][name] / abs(found[key][name]):.2g} %" for name in found[key]]
+        rows.append((f"error bar of {key.replace('_', ' ')}, {what}", "", "", "", *shares))
+    return (
+        "# Numerical error of the calf\n\n"
+        "M tissue with K 28.45 kPa at the end of the ramp of 25 mmHg in 1 s, computed with\n"
+        "`python -m ngfsi_studies.tissue_accuracy FOLDER`. Meshes and steps are those of `compare_tissues`,\n"
+        "refined one at a time; `order more` is the mesh of `demo` with elements of one order more. Error bars are\n"
+        f"Richardson's: of the finest mesh with order {ORDER_IN_SPACE:g} in the size of its elements, of the shortest\n"
+        f"step with the order seen in the three shortest, between {SLOWEST:g} and {FASTEST:g}. The errors of the\n"
+        "levels, in [accuracy.toml](accuracy.toml), are the distance from the finest run plus its error bar, those of\n"
+        "space and time added.\n\n" + markdown_table(head, rows)
+    )
+
+
+if __name__ == "__main__":
+    for level, errors in measure(Path(sys.argv[1])).items():
+        print(level, *(f"{name} {error:g}" for name, error in errors.items()), sep="\n  ")

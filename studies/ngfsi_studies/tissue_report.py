@@ -1,0 +1,271 @@
+"""The report of compare_tissues.py in Markdown: answer first, then figures, claims with reasons, costs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Column, Table
+
+from ngfsi.materials import SaintVenantKirchhoff
+from ngfsi.report.tables import markdown_table
+from ngfsi.units import from_si
+from ngfsi_studies.tissue_findings import HYDROSTATIC, SWING, Finding
+
+ABBREVIATIONS = (
+    "M: Mooney-Rivlin, N: Neo-Hookean tissue; SAWSS: wall shear stress averaged over the deformed inner wall of the "
+    "vein; hydrostatic pressure: -tr(sigma)/3, compression positive, at the outer face of the vein wall on the side of "
+    "the tissue and on that of the wall, and as a mean over the wall. Losses and rises are relative to the state at "
+    f"t = 0, in which blood flows steadily at 10 mmHg; the mean rise is that over the last {SWING:g} s of the ramp."
+)
+
+
+def headline(m: Finding | None, n: Finding | None, claimed: Mapping[str, Any]) -> str:
+    """Return the answer in a sentence per tissue."""
+    said = []
+    for name, finding in (("M", m), ("N", n)):
+        if finding is None:
+            said.append(f"- **{name}** has no result: see the table.")
+            continue
+        now, end = finding.ramp_end, finding.end
+        after = f"; once the pressure is held, {end.rise:.0f} % remain" if finding.held else ""
+        said.append(
+            f"- **{finding.title}**: at {now.skin_mmhg:.3g} mmHg on the skin the vein has lost "
+            f"**{100 * now.loss:.1f} %** of its volume (the source prints "
+            f"{claimed['volume_reduction_percent'][name]:g} %) and SAWSS has risen by **{now.rise:.0f} %** (printed: "
+            f"{claimed['sawss_rise_percent'][name]:g} %){after}."
+        )
+    return "\n".join(said) + "\n"
+
+
+def results_table(findings: Iterable[Finding], missing: Mapping[str, str]) -> str:
+    """Return the main numbers of every run; `missing` says why the runs without a state at t = 0 have none."""
+    head = ("tissue", "skin mmHg", "loss %", "loss, unloaded %", "SAWSS t = 0, Pa", "SAWSS ramp end, Pa", "rise %",
+            "mean rise %", "rise after hold %", "p tissue kPa", "p wall side kPa", "p wall mean kPa")  # fmt: skip
+    rows = [_result(finding) for finding in findings]
+    rows += [(title, *["-"] * (len(head) - 1)) for title in missing]
+    notes = [
+        f"- {f.title} ended early, at {f.end.time:.3g} s and {f.end.skin_mmhg:.3g} mmHg: {f.failure}. "
+        + _most_squeezed(f)
+        for f in findings
+        if f.failure
+    ]
+    notes += [f"- {title} has no state at t = 0: {reason}" for title, reason in missing.items()]
+    return markdown_table(head, rows) + "".join(f"\n{note}" for note in notes) + ("\n" if notes else "")
+
+
+def _most_squeezed(finding: Finding) -> str:
+    """Return a sentence on the smallest volume ratios at the end."""
+    regions = (*finding.run.case.geometry.solids, finding.run.case.geometry.fluid)
+    ratios = ", ".join(f"{name} {finding.run.series[f'detF_min_{name}_1'][-1]:.2g}" for name in regions)
+    return (
+        f"Smallest det F in its last state: {ratios}. Saint Venant-Kirchhoff, the law of the wall, softens in "
+        "compression and loses stability there: uniaxially at a stretch of 0.58."
+        if isinstance(finding.run.case.materials.wall, SaintVenantKirchhoff)
+        else f"Smallest det F in its last state: {ratios}."
+    )
+
+
+def _result(finding: Finding) -> tuple[str, ...]:
+    now = finding.ramp_end
+    return (
+        finding.title,
+        f"{now.skin_mmhg:.3g}",
+        f"{100 * now.loss:.1f}",
+        f"{100 * now.loss_unloaded:.1f}",
+        f"{finding.start_sawss:.4f}",
+        f"{now.sawss:.4f}",
+        f"{now.rise:.0f}",
+        f"{finding.mean_rise:.0f}",
+        f"{finding.end.rise:.0f}" if finding.held else "-",
+        *(f"{from_si(now.pressures[where], 'kPa'):.2f}" for where in HYDROSTATIC),
+    )
+
+
+def claims_table(findings: Mapping[str, Finding], claimed: Mapping[str, Any], errors: Mapping[str, float]) -> str:
+    """Return each printed number beside the computed one, the numerical error and the number of the reason."""
+    head = ("claim", "computed with", "printed", "computed", "gap", "numerical error", "reason")
+    rows: list[tuple[str, ...]] = []
+    for key, name in (("m_s1", "M"), ("n_likely", "N"), ("n_printed", "N")):
+        if finding := findings.get(key):
+            rows += [(claim, finding.title, *cells) for claim, *cells in _claims(finding, name, claimed, errors)]
+    return markdown_table(head, rows)
+
+
+def _claims(
+    finding: Finding, name: str, claimed: Mapping[str, Any], errors: Mapping[str, float]
+) -> list[tuple[str, ...]]:
+    now = finding.ramp_end
+    loss, rise, pressure = (
+        claimed[key][name] for key in ("volume_reduction_percent", "sawss_rise_percent", "hydrostatic_pressure_kPa")
+    )
+    readings = {where: from_si(now.pressures[where], "kPa") for where in HYDROSTATIC}
+    nearest = min(readings, key=lambda where: abs(readings[where] - pressure))
+    return [
+        (f"{name}: volume reduction, %", f"{loss:g}", f"{100 * now.loss:.1f}", f"{100 * now.loss - loss:+.1f}",
+         _error("volume", errors), "1"),
+        (f"{name}: rise of SAWSS, %", f"{rise:g}", f"{now.rise:.0f}", f"{now.rise - rise:+.0f}",
+         _error("sawss", errors), "2"),
+        (f"{name}: the same, mean of the last {SWING:g} s", f"{rise:g}", f"{finding.mean_rise:.0f}",
+         f"{finding.mean_rise - rise:+.0f}", _error("mean_sawss", errors), "2"),
+        (f"{name}: hydrostatic pressure, kPa", f"{pressure:g}", " / ".join(f"{v:.2f}" for v in readings.values()),
+         f"{readings[nearest] - pressure:+.2f} ({nearest.replace('_', ' ')})", "not measured", "3"),
+    ]  # fmt: skip
+
+
+def _error(kind: str, errors: Mapping[str, float]) -> str:
+    found = errors.get(f"{kind}_percent")
+    names = {"volume": "of the volume", "sawss": "of SAWSS", "mean_sawss": "of SAWSS"}
+    return f"{found:.2g} % {names[kind]}" if found is not None else "not measured"
+
+
+def reasons(findings: Mapping[str, Finding], claimed: Mapping[str, Any]) -> str:
+    """Return what the runs show about the gaps, numbered as in the table of claims."""
+    volume = _volume_reasons(findings, claimed["volume_reduction_percent"])
+    shear = _shear_reasons(findings, claimed["sawss_rise_percent"])
+    return "\n".join((*volume, *shear, _pressure_reason(claimed["hydrostatic_pressure_kPa"]))) + "\n"
+
+
+def _volume_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float]) -> list[str]:
+    lines = [
+        "1. **Volume.** The source says neither which bulk modulus M has nor whether its shape is the unloaded one."
+    ]
+    for key in ("m_s1", "n_likely"):
+        if finding := findings.get(key):
+            now, law = finding.ramp_end, finding.run.case.materials.law_of("tissue")
+            lines.append(
+                f"   - {finding.title} (initial shear modulus {from_si(law.shear_modulus, 'kPa'):.3g}, bulk modulus "
+                f"{from_si(law.bulk_modulus, 'kPa'):.4g} kPa): the blood pressure inflates the unloaded vein by "
+                f"{100 * finding.inflation:.1f} %; relative to the unloaded shape the loss is "
+                f"{100 * now.loss_unloaded:.1f} % instead of {100 * now.loss:.1f} %."
+            )
+    subjects = [f.ramp_end.loss for key, f in findings.items() if key.startswith("m_s") and not key.endswith("mm")]
+    if len(subjects) > 1:
+        lines.append(
+            f"   - M over the bulk moduli of the {len(subjects)} subjects: {100 * min(subjects):.1f} to "
+            f"{100 * max(subjects):.1f} %."
+        )
+    if finding := findings.get("n_printed"):
+        now, shear = finding.ramp_end, finding.run.case.materials.law_of("tissue").shear_modulus
+        doubt = " and cannot have given the printed loss" if now.loss < printed["N"] / 200 else ""
+        lines.append(
+            f"   - {finding.title}: {100 * now.loss:.1f} % at {now.skin_mmhg:.3g} mmHg; these constants mean an "
+            f"initial shear modulus of {from_si(shear, 'kPa'):.3g} kPa{doubt}."
+        )
+    if finding := findings.get("m_tenth"):
+        now = finding.ramp_end
+        lines.append(
+            f"   - {finding.title}: {100 * now.loss:.1f} % at {now.skin_mmhg:.3g} mmHg; the constants of a later "
+            "review, ten times softer."
+        )
+    return [*lines, *_lumen_reasons(findings)]
+
+
+def _lumen_reasons(findings: Mapping[str, Finding]) -> list[str]:
+    narrow = [finding for key, finding in findings.items() if key.endswith("8mm")]
+    return [
+        f"   - {f.title}: {100 * f.ramp_end.loss:.1f} %, and SAWSS starts from {f.start_sawss:.3f} Pa; 8.0 mm is the "
+        "lumen that fits the printed flow."
+        for f in narrow
+    ]
+
+
+def _shear_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float]) -> list[str]:
+    lines = [
+        "2. **SAWSS.** Its rise since t = 0 is a sum: narrowing (developed flow of the inlet in the sections as they "
+        "are), squeeze flow (the blood that the shrinking vein expels itself), shape (sections that are no circles) "
+        "and profile (it has no time to develop within the ramp, nor length at the ends)."
+    ]
+    for finding in findings.values():
+        now, end = finding.ramp_end, finding.end
+        after = f"; {end.sawss_ratio:.2f} at {end.time:.3g} s" if finding.held else ""
+        lines.append(
+            f"   - {finding.title}, in Pa: "
+            + " + ".join(f"{value:.4f} ({cause})" for cause, value in now.parts.items())
+            + f" = {now.sawss:.4f} at {now.time:.3g} s, {now.sawss_ratio:.2f} times that at t = 0{after}."
+        )
+    lines += _swing(findings)
+    lines.append(
+        f"   - The {printed['rigid_wall_flow']:g} % printed beside these rises is a ratio. If they are ratios too, "
+        f"{printed['M']:g} and {printed['N']:g} % mean rises of {printed['M'] - 100:g} and {printed['N'] - 100:g} %."
+    )
+    return lines
+
+
+def _swing(findings: Mapping[str, Finding]) -> list[str]:
+    periods = {f.title: f.period for f in findings.values() if f.period}
+    if not periods:
+        return []
+    named = ", ".join(f"{period:.2f} s ({title})" for title, period in periods.items())
+    return [
+        "   - The start of the ramp sets the blood between the given inflow and the given outlet pressure swinging on "
+        f"the compliance of the vein, with a period of {named}, and little damps it: SAWSS at one instant depends on "
+        "the phase, its mean hardly does. Coarse steps damp it."
+    ]
+
+
+def _pressure_reason(printed: Mapping[str, float]) -> str:
+    return (
+        "3. **Hydrostatic pressure.** The source does not say where it was read: the table gives it on the tissue side "
+        "and the wall side of the outer face of the vein wall and as a mean over the wall, and the gap of the nearest. "
+        f"{printed['M']:g} kPa exceeds the load on the skin (3.33 kPa) and even skin and blood together (4.67 kPa); "
+        "perhaps it was read inside the wall, where compression round the circumference adds."
+    )
+
+
+def costs_table(findings: Iterable[Finding]) -> str:
+    """Return what each run took, from its manifest and costs."""
+    head = ("run", "elements", "unknowns", "steps", "iterations per step", "factorisations", "seconds", "MB", "solver",
+            "threads")  # fmt: skip
+    return markdown_table(head, (_cost(finding) for finding in findings))
+
+
+def _cost(finding: Finding) -> tuple[str, ...]:
+    manifest, costs = finding.run.manifest, finding.run.costs
+    steps = len(costs.get("step", ()))
+    iterations = f"{costs['iterations'].mean():.1f}" if steps else "-"
+    seconds, memory = (manifest.get(key) for key in ("elapsed_s", "peak_memory_MB"))
+    return (
+        finding.title,
+        str(manifest["mesh"]["elements"]),
+        str(manifest["unknowns"]),
+        str(steps),
+        iterations,
+        str(manifest.get("factorisations", "-")),
+        "-" if seconds is None else f"{seconds:.0f}",
+        "-" if memory is None else f"{memory:.0f}",
+        str(manifest.get("linear_solver", "-")),
+        str(manifest.get("threads", "-")),
+    )
+
+
+def provenance(findings: Sequence[Finding]) -> str:
+    """Return the versions that computed the runs, one line per different set."""
+    lines: dict[str, None] = {}
+    for finding in findings:
+        manifest = finding.run.manifest
+        commit = manifest.get("commit")
+        state = f"commit {commit['id'][:10]}{' with changes' if commit['dirty'] else ''}" if commit else "no commit"
+        text = ", ".join(f"{name} {version}" for name, version in manifest["versions"].items())
+        lines.setdefault(f"- {text}; {state}; {manifest['machine']['cpu_count']} processors", None)
+    return "\n".join(lines) + "\n"
+
+
+def pictures(files: Mapping[str, tuple[str, Path | str]]) -> str:
+    """Return pictures with captions: title -> (caption, file, or a sentence why there is none)."""
+    parts = []
+    for title, (caption, file) in files.items():
+        shown = f"![{title}]({file.name})" if isinstance(file, Path) else f"*{file}*"
+        parts.append(f"### {title}\n\n{shown}\n\n{caption}\n")
+    return "\n".join(parts)
+
+
+def terminal_table(findings: Iterable[Finding]) -> Table:
+    """Return the main numbers for the terminal."""
+    heads = ("skin mmHg", "volume loss %", "SAWSS t = 0, Pa", "SAWSS, Pa", "rise %", "mean rise %")
+    table = Table("tissue", *(Column(head, justify="right") for head in heads), title="At the end of the ramp")
+    for finding in findings:
+        title, skin, loss, _, start, sawss, rise, mean = _result(finding)[:8]
+        table.add_row(title, skin, loss, start, sawss, rise, mean, style="red" if finding.failure else "")
+    return table
