@@ -24,7 +24,7 @@ from typing import Annotated, Any
 import typer
 
 from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, needs_clone, unknown
-from ngfsi.parallel.ranks import World, launched, world
+from ngfsi.parallel.ranks import Ranks, all_ranks, launched
 from ngfsi.units import seconds
 
 INTERRUPTED = 130
@@ -442,15 +442,15 @@ def _unexpected(error: Exception) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Entry point; always ends in SystemExit. Under mpirun rank 0 does what follows, the others what it orders."""
     try:
-        ranks = world()
+        ranks = all_ranks()
     except NgfsiError as error:
         if launched()[0] == 0:
             _say(str(error))
         sys.exit(error.exit_code)
     if not ranks.leads:
-        _lend_a_hand(ranks)
+        _serve(ranks)
         sys.exit(0)
-    ranks.manned = True
+    ranks.workers_ready = True
     try:
         _refuse_ranks(ranks, sys.argv[1:] if arguments is None else arguments)
         app(arguments)
@@ -461,19 +461,19 @@ def main(arguments: list[str] | None = None) -> None:
         _unexpected(error)
         sys.exit(1)
     finally:
-        ranks.dismiss()
+        ranks.shutdown()
 
 
-def _lend_a_hand(ranks: World) -> None:
+def _serve(ranks: Ranks) -> None:
     """Work for rank 0, which alone heeds signals."""
-    from ngfsi.solve.worker import Hand
+    from ngfsi.solve.worker import Worker
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
-    Hand(ranks).work()
+    Worker(ranks).work()
 
 
-def _refuse_ranks(ranks: World, arguments: list[str]) -> None:
+def _refuse_ranks(ranks: Ranks, arguments: list[str]) -> None:
     """Raise CaseError for what several ranks cannot do together."""
     command = next(iter(arguments), "")
     if ranks.size > 1 and command not in SHARED:

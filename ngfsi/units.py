@@ -1,7 +1,7 @@
 """Units: the only place with conversion factors. Everywhere else numbers are SI floats.
 
-A quantity in a file carries its unit in the key, `lumen_diameter_mm = 11.1`; `Section` (section.py) strips the suffix
-and converts. The aliases `Length`, `Pressure`, ... mark the fields for which that holds.
+A quantity in a file carries its unit in the key, `lumen_diameter_mm = 11.1`; `ConfigModel` strips the
+suffix and converts. The aliases `Length`, `Pressure`, ... mark the fields for which that holds.
 
 Source of the factors: BIPM, The International System of Units (9th ed.), and for mmHg the value of the study that
 this package follows, 133.322 Pa (the conventional 133.322387 Pa differs by 3e-6).
@@ -96,7 +96,7 @@ def to_si(value: float, suffix: str) -> float:
     """Convert `value` in the unit `suffix` to SI.
 
     The product is taken of the decimal numbers as written and rounded once, so that 11.1 mm is the float 0.0111 and
-    not its neighbour. Values too large for a float become infinite, which a Section refuses.
+    not its neighbour. Values too large for a float become infinite, which a ConfigModel refuses.
     """
     factor = UNITS[suffix].factor
     try:

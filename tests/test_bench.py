@@ -22,7 +22,7 @@ RECORDED = {"unknowns": 3096, "factorisations": 3, "iterations": 29}
 
 def test_counts_do_not_get_worse() -> None:
     """A change that makes these smaller should make them smaller here too."""
-    found = bench.take(bench.Setup(CASES["tiny"]))
+    found = bench.run_sample(bench.Setup(CASES["tiny"]))
     counts = {name: getattr(found, name) for name in RECORDED}
     assert all(counts[name] <= RECORDED[name] for name in RECORDED), counts
     assert found.steps == 5
@@ -53,15 +53,15 @@ def test_pairs_are_taken_by_turns(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         mood, slower = 1.5 ** len(order), 3.0 if linearise == "always" else 1.0
         return replace(SAMPLE, seconds=10 * mood * slower, whole_s=10 * mood * slower)
 
-    monkeypatch.setattr(bench, "take", take)
+    monkeypatch.setattr(bench, "run_sample", take)
     tiny = CASES["tiny"]
     monkeypatch.setattr(bench.Domain, "build", meshed.append)
     found = bench.compare("tiny", tiny, {"newton": VARIANTS["newton"](tiny)}, pairs=4)
     assert order == ["when slow", "always", "always", "when slow"] * 2
     assert len(meshed) == 2
     assert found.ratios("newton", "whole_s") == pytest.approx([4.5, 2.0, 4.5, 2.0])
-    assert found.results() == {"lumen": {bench.PLAIN: 8.0, "newton": 8.0}}
-    assert found.phases()["assembly"] == {bench.PLAIN: 6.0, "newton": 6.0}
+    assert found.results() == {"lumen": {bench.BASELINE: 8.0, "newton": 8.0}}
+    assert found.phases()["assembly"] == {bench.BASELINE: 6.0, "newton": 6.0}
     stored = json.loads(found.write(tmp_path).read_text(encoding="utf-8"))
     assert len(stored["samples"]["newton"]) == 4
     assert stored["ratios"]["newton"]["factorisations"] == [1.0] * 4
@@ -91,7 +91,7 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench.os, "wait4", lambda *_: (1, 0, usage))
     monkeypatch.setattr(bench, "perf_counter", lambda: next(clock))
     monkeypatch.setattr(bench, "open_run", lambda _: stored)
-    found = bench.take(bench.Setup(CASES["tiny"], threads=7), steps=3)
+    found = bench.run_sample(bench.Setup(CASES["tiny"], threads=7), steps=3)
     assert ran[0].time.end == pytest.approx(0.03)
     assert (found.seconds, found.whole_s, found.iterations, found.memory) == (10.0, 15.0, 12, 2.0)
     assert found.phases == {"assembly": 5.0, "measures": 2.0, bench.OUTSIDE: 3.0}
@@ -102,8 +102,8 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_run_that_fails_is_named_and_the_rounds_before_it_are_kept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    tiny, take, answers = CASES["tiny"], bench.take, iter([SAMPLE, SAMPLE])
-    monkeypatch.setattr(bench, "take", lambda setup, steps: next(answers, None) or take(setup, steps))
+    tiny, take, answers = CASES["tiny"], bench.run_sample, iter([SAMPLE, SAMPLE])
+    monkeypatch.setattr(bench, "run_sample", lambda setup, steps: next(answers, None) or take(setup, steps))
     hopeless = bench.Setup(tiny.replace(**{"solver.max_iterations": 1}))
     with pytest.raises(bench.SolverError, match=r"^tiny, hopeless, run 2 of 5: .*did not converge"):
         bench.compare("tiny", tiny, {"hopeless": hopeless}, pairs=5, folder=tmp_path)

@@ -19,13 +19,13 @@ from ngfsi.config.functions import (
     PressureSmoothRamp,
     PressureTable,
 )
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError
 
 KINDS = "'constant', 'ramp', 'smooth_ramp', 'table', 'harmonics', 'waveform'"
 
 
-class Loads(Section):
+class Loads(ConfigModel):
     """A section with curves."""
 
     skin: PressureCurve

@@ -42,7 +42,7 @@ WORDS: tuple[str, ...] = (
     "‮abc", "e\u0301", "🦵", "x" * 5000, "${HOME}", "$(touch x)", "%s%n", "{0}", "[bold]", "'; drop", "__class__",
     "self", "os:system",
     "ngfsi_geometry.calf:CalfSegment", "ngfsi_geometry.calf:__builtins__", "geometry..calf:CalfSegment",
-    "ngfsi_geometry.calf:CalfSegment.mro", "ngfsi_geometry.calf:Section",
+    "ngfsi_geometry.calf:CalfSegment.mro", "ngfsi_geometry.calf:ConfigModel",
     "ngfsi_geometry.segment:VeinSegment", "subprocess:Popen",
     "ngfsi_geometry.tube:TubeSegment", "ngfsi_geometry.channel:BeamInChannel",
     "mooney_rivlin_s1", "blood", "ramp", "nan", "inf",

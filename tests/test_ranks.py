@@ -20,9 +20,9 @@ import ngfsi.parallel.ranks
 from ngfsi import cli
 from ngfsi.errors import CaseError
 from ngfsi.linear.backends import choose_backend
-from ngfsi.parallel.ranks import World
+from ngfsi.parallel.ranks import Ranks
 from ngfsi.run import run
-from ngfsi.solve.worker import shares
+from ngfsi.solve.worker import partition
 from ngfsi.store import open_run
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import BLOCKS
@@ -40,17 +40,17 @@ PATIENCE = 600.0
 """Seconds after which a run is taken to hang."""
 
 
-def lonely(rank: int) -> World:
+def lonely(rank: int) -> Ranks:
     """Return a rank that knows its place but has nobody to talk to."""
-    world = World()
-    world.rank = rank
-    return world
+    ranks = Ranks()
+    ranks.rank = rank
+    return ranks
 
 
 @pytest.mark.parametrize("count", [2, 3, 1000])
 def test_shares_are_compact_and_equal(count: int) -> None:
     domain = domain_of(SQUEEZED.geometry)
-    owners = shares(domain, count)
+    owners = partition(domain, count)
     for region in domain.regions:
         numbers = [element.nr for element in domain.mesh.Elements(ng.VOL) if element.mat == region]
         sizes = np.bincount(owners[numbers], minlength=count)
@@ -59,9 +59,9 @@ def test_shares_are_compact_and_equal(count: int) -> None:
 
 def test_shares_sum_up_to_the_system() -> None:
     domain = domain_of(SQUEEZED.geometry)
-    owners = shares(domain, 3)
+    owners = partition(domain, 3)
     whole = System(SQUEEZED, domain)
-    parts = [System(SQUEEZED, domain, world=lonely(r), elements=ng.BitArray(list(owners == r))) for r in range(3)]
+    parts = [System(SQUEEZED, domain, ranks=lonely(r), elements=ng.BitArray(list(owners == r))) for r in range(3)]
     whole.set_loads(0.1)
     whole.values[:] = 1e-4 * np.random.default_rng(4).standard_normal(whole.unknowns.size)
     for part in parts:
@@ -83,7 +83,7 @@ def test_ranks_without_mpi4py(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "4")
     monkeypatch.setattr(ngfsi.parallel.ranks, "find_spec", lambda name: None if name == "petsc4py" else name)
     with pytest.raises(CaseError, match="4 processes were started, which need petsc4py"):
-        ngfsi.parallel.ranks.world.__wrapped__()
+        ngfsi.parallel.ranks.all_ranks.__wrapped__()
 
 
 @cache
@@ -195,16 +195,16 @@ def test_fieldsplit_ends_where_a_direct_solver_does(tmp_path: Path) -> None:
 def test_iterations_of_fieldsplit(tmp_path: Path, ranks: int, order: int, most: int) -> None:
     """To 1e-6, from rest and then with new values of the matrix; p-multigrid takes 9 (order 2) and 12 (order 3)."""
     work = f"""
-from ngfsi.parallel.ranks import world
+from ngfsi.parallel.ranks import all_ranks
 from tests.updates import store
-store('{tmp_path / "found.npz"}', {order}, world())
+store('{tmp_path / "found.npz"}', {order}, all_ranks())
 sys.exit()
 """
     ended = mpirun(ranks, before=work)
     assert ended.returncode == 0, ended.stderr
     found, system = np.load(tmp_path / "found.npz"), system_of(case(order))
     assert np.all(found["iterations"] <= most)
-    exact, _ = updates(order, choose_backend("auto"), World())
+    exact, _ = updates(order, choose_backend("auto"), Ranks())
     for one, other in zip(found["updates"], exact, strict=True):
         for name in BLOCKS:
             a, b = block(system, name, one), block(system, name, other)
@@ -267,4 +267,4 @@ def test_commands_for_one_process() -> None:
     with pytest.raises(CaseError, match="mpirun is for ngfsi run and resume: start 'ngfsi study' without it"):
         cli._refuse_ranks(two, ["study", "compare_tissues"])
     cli._refuse_ranks(two, ["resume", "runs/calf"])
-    cli._refuse_ranks(World(), ["study", "compare_tissues"])
+    cli._refuse_ranks(Ranks(), ["study", "compare_tissues"])

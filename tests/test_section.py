@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError, model_validator
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.units import Length, Pressure, Time
 
 
-class Tube(Section):
+class Tube(ConfigModel):
     """A section with every kind of field."""
 
     diameter: Length = Field(gt=0, lt=0.05)
@@ -30,7 +30,7 @@ class Tube(Section):
     side: Literal["left", "right"] = "left"
 
 
-class Pump(Section):
+class Pump(ConfigModel):
     """A nested section with a rule of its own and a value computed from another."""
 
     refusal = GeometryError
@@ -47,7 +47,7 @@ class Pump(Section):
         return self
 
 
-def refused(data: dict[str, Any], cls: type[Section] = Tube) -> str:
+def refused(data: dict[str, Any], cls: type[ConfigModel] = Tube) -> str:
     with pytest.raises((CaseError, GeometryError)) as caught:
         cls.from_dict(data, source="x.toml")
     text = str(caught.value)

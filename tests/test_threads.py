@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ngfsi.parallel.ranks import ALONE, LAUNCHERS, threads, world
+from ngfsi.parallel.ranks import LAUNCHERS, SERIAL, all_ranks, threads
 from ngfsi.run import run
 from ngfsi.store import open_run
 from tests.test_resume import CASE
@@ -46,6 +46,6 @@ def test_no_more_threads_than_processors(
         monkeypatch.setenv(name, said)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: mine, raising=False)
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
-    world.cache_clear()
-    assert world() is ALONE
+    all_ranks.cache_clear()
+    assert all_ranks() is SERIAL
     assert os.environ.get(name) == wanted

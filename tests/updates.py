@@ -14,8 +14,8 @@ from ngfsi.case import Case
 from ngfsi.linear import multigrid
 from ngfsi.linear.backends import Name
 from ngfsi.linear.factorisation import Factorisation
-from ngfsi.parallel.ranks import World
-from ngfsi.solve.worker import shares
+from ngfsi.parallel.ranks import Ranks
+from ngfsi.solve.worker import partition
 from ngfsi.system.system import System
 from tests.vein import BONED, case_of, domain_of, randomise
 
@@ -29,17 +29,17 @@ def case(order: int) -> Case:
     return case_of(BONED.replace(length=20e-3, mesh=mesh), **{"time.step": 0.01, "discretisation.order": order})
 
 
-def updates(order: int, backend: Name, world: World) -> tuple[NDArray[np.float64], list[int]]:
+def updates(order: int, backend: Name, ranks: Ranks) -> tuple[NDArray[np.float64], list[int]]:
     """Return the updates at rest and, with the factors renewed, in a lively flow and a step of 0.1 ms, and the
     iterations of each."""
     multigrid.TOLERANCE = TOLERANCE
     chosen = case(order)
     domain = domain_of(chosen.geometry)
-    mine = ng.BitArray(list(shares(domain, world.size) == world.rank))
-    system = System(chosen, domain, world=world, elements=mine)
+    mine = ng.BitArray(list(partition(domain, ranks.size) == ranks.rank))
+    system = System(chosen, domain, ranks=ranks, elements=mine)
     unknowns, scale = system.unknowns, np.ones(system.unknowns.size)
     made = Factorisation(system.tangent, unknowns.free(), backend, unknowns.equations, levels=lambda: system.levels,
-                         scale=lambda: scale, world=world)  # fmt: skip
+                         scale=lambda: scale, ranks=ranks)  # fmt: skip
     found, counts = [], [0]
     for prepare in (at_rest, _in_flow):
         prepare(system)
@@ -60,8 +60,8 @@ def _in_flow(system: System) -> None:
     system.new_weight.Set(1e4)
 
 
-def store(file: Path | str, order: int, world: World) -> None:
+def store(file: Path | str, order: int, ranks: Ranks) -> None:
     """Write what fieldsplit finds, on rank 0."""
-    found, counts = updates(order, "fieldsplit", world)
-    if world.leads:
+    found, counts = updates(order, "fieldsplit", ranks)
+    if ranks.leads:
         np.savez(file, updates=found, iterations=counts)

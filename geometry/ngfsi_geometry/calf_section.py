@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
@@ -31,7 +31,7 @@ SPLINE_POINTS = 4
 MOST_POINTS = 400
 
 
-class Vein(Section):
+class Vein(ConfigModel):
     """A vein: outline of its lumen, and thickness of its wall."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError

@@ -15,7 +15,7 @@ import numpy as np
 from netgen.occ import Glue, MoveTo, OCCGeometry, X, Y
 from pydantic import Field, model_validator
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.units import Length
 from ngfsi_geometry.extrusion import extrude, layer_heights
@@ -25,7 +25,7 @@ ON_CIRCLE = 1e-6
 """Points this close (relative) to the cylinder's radius lie on it."""
 
 
-class PlaneMesh(Section):
+class PlaneMesh(ConfigModel):
     """How finely a plane section is meshed."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
@@ -43,7 +43,7 @@ class CylinderMesh(PlaneMesh):
     corner_size: Length = Field(5e-3, gt=0, description="element size at the beam's corners, where stresses are large")
 
 
-class PlaneSection(Section):
+class PlaneSection(ConfigModel):
     """Base of the plane geometries."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError

@@ -18,7 +18,7 @@ from meshio._mesh import topological_dimension
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError, unknown
 from ngfsi.mesh.curving import EdgeBulges
 from ngfsi.units import to_si
@@ -95,7 +95,7 @@ class Contents:
     curved: EdgeBulges
 
 
-class ExternalMesh(Section):
+class ExternalMesh(ConfigModel):
     """A mesh from a file: regions fluid, wall and tissue, those that it has; blood flows along z.
 
     The mesh is moved along z such that it begins at z = 0, with the inlet. The inlet is round: the profile of the flow

@@ -23,7 +23,7 @@ from ngfsi.outlines.outline import Outline
 from ngfsi.units import from_si, to_si
 from ngfsi_geometry.calf_section import COMPARTMENTS, NARROWEST_GAP, CalfSection, Vein
 from ngfsi_geometry.lofted import LoftedVein
-from ngfsi_geometry.lofted_calf import FEWEST, PARTS, LoftedCalf, Stack
+from ngfsi_geometry.lofted_calf import ANATOMY, FEWEST, LoftedCalf, Stack
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -300,7 +300,7 @@ class LabelMap:
                 f"'{lumen}' lies in slices {chosen.start} to {chosen.stop - 1}: a lofted calf needs {FEWEST}, label it "
                 "in more"
             )
-        labels = {name: lumen if name == "lumen" else name for name in PARTS}
+        labels = {name: lumen if name == "lumen" else name for name in ANATOMY}
         outlines = {name: tuple(self.outline(title, k) for k in chosen) for name, title in labels.items()}
         return Stack(outlines, tuple(map(float, self.heights[chosen.start : chosen.stop])), chosen.start)
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
@@ -25,7 +25,7 @@ from ngfsi_geometry.plane import Circle, Ring, SectionMesh, even_angles, fill_ve
 Array = NDArray[np.float64]
 
 
-class LoftedMesh(Section):
+class LoftedMesh(ConfigModel):
     """How finely a lofted vein is meshed."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
@@ -37,7 +37,7 @@ class LoftedMesh(Section):
     curving_order: int = Field(3, ge=1, le=8, description="polynomial order of the curved elements")
 
 
-class LoftedVein(Section):
+class LoftedVein(ConfigModel):
     """A rigid vein: region fluid, boundaries interface (the wall), inlet and outlet. z is proximal, downstream."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.mesh.curving import BoundaryMotion
 from ngfsi.outlines.outline import Outline
@@ -32,7 +32,7 @@ from ngfsi_geometry.segment import MeshSettings
 
 Array = NDArray[np.float64]
 
-PARTS = ("skin", "tibia", "fibula", "lumen")
+ANATOMY = ("skin", "tibia", "fibula", "lumen")
 FEWEST = 4
 """Outlines that a stack needs."""
 GAP = 2e-3
@@ -59,7 +59,7 @@ class Stack:
         Raises:
             GeometryError: names the slice.
         """
-        counts = {name: len(self.outlines[name]) for name in PARTS}
+        counts = {name: len(self.outlines[name]) for name in ANATOMY}
         if {*counts.values()} != {len(self.heights)} or len(self.heights) < FEWEST:
             listed = ", ".join(f"{count} of {name}" for name, count in counts.items())
             raise GeometryError(
@@ -70,13 +70,13 @@ class Stack:
             number = self.first + int(np.argmin(np.diff(self.heights))) + 1
             raise GeometryError(f"the heights of a stack must increase, that of slice {number} does not: sort them")
         for k in range(len(self.heights)):
-            parts: dict[str, Any] = {name: self.outlines[name][k] for name in PARTS}
+            parts: dict[str, Any] = {name: self.outlines[name][k] for name in ANATOMY}
             try:
                 CalfSection(veins=(Vein(lumen=parts.pop("lumen"), wall_thickness=wall_thickness),), **parts)
             except GeometryError as error:
                 sentence = str(error).removeprefix(f"{CalfSection.__name__}: ")
                 raise GeometryError(f"slice {self.first + k}: {sentence}") from None
-        for name in PARTS:
+        for name in ANATOMY:
             self._check_jumps(name)
 
     def _check_jumps(self, name: str) -> None:
@@ -90,7 +90,7 @@ class Stack:
                 )
 
 
-class CalfLoft(Section):
+class CalfLoft(ConfigModel):
     """Calf segment through outlines; regions and boundaries as of ngfsi_geometry.calf:CalfSegment."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
@@ -117,7 +117,7 @@ class CalfLoft(Section):
     def _lofts(self) -> dict[str, Loft]:
         """Surfaces by the name of their boundary, around the origin."""
         stack = self.stack
-        rows = {name: [coefficients(o, self.modes) for o in stack.outlines[name]] for name in PARTS}
+        rows = {name: [coefficients(o, self.modes) for o in stack.outlines[name]] for name in ANATOMY}
         rows["interface"] = rows.pop("lumen")
         rows["wall_outer"] = [thickened(row, self.wall_thickness) for row in rows["interface"]]
         z = np.array(stack.heights) - stack.heights[0]
@@ -254,7 +254,7 @@ class LoftedCalf(CalfLoft):
     @cached_property
     def stack(self) -> Stack:
         """The outlines."""
-        return Stack({name: getattr(self, name) for name in PARTS}, self.heights, self.first_slice)
+        return Stack({name: getattr(self, name) for name in ANATOMY}, self.heights, self.first_slice)
 
 
 def _middle(loft: Loft) -> tuple[float, complex]:

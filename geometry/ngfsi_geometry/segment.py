@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.units import Angle, Length
 from ngfsi_geometry.extrusion import extrude, layer_heights
@@ -34,7 +34,7 @@ NARROWEST_GAP = 0.5e-3
 MOST_EDGES = 10_000
 
 
-class MeshSettings(Section):
+class MeshSettings(ConfigModel):
     """How finely a segment is meshed."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
@@ -73,7 +73,7 @@ class MeshSettings(Section):
         return self
 
 
-class VeinSegment(Section):
+class VeinSegment(ConfigModel):
     """A straight vein in a cylinder of tissue, from z = 0 (inlet) to z = length (outlet); base of the builders."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError

@@ -1,6 +1,6 @@
 """Benchmarks of speed: whole runs as processes of their own, by turns, so that both meet the same moods of the machine.
 
-What counts are ratios to the case as it is; seconds, which are stored beside, are of one machine on one day. The named
+What counts are ratios to the baseline; seconds, which are stored beside, are of one machine on one day. The named
 cases and variants are in `ngfsi_studies.speed`.
 """
 
@@ -41,7 +41,7 @@ from ngfsi.store.stored import StoredRun, open_run
 from ngfsi.system.system import System
 from ngfsi.units import from_si
 
-PLAIN = "as it is"
+BASELINE = "baseline"
 OUTSIDE = "start of Python, and what no phase knows"
 
 
@@ -85,7 +85,7 @@ QUANTITIES = {
 }
 
 
-def take(setup: Setup, steps: int | None = None) -> Sample:
+def run_sample(setup: Setup, steps: int | None = None) -> Sample:
     """Run a case, or its first steps, in a process of its own and return what it took.
 
     Raises:
@@ -136,7 +136,7 @@ class Comparison:
 
     Attributes:
         steps: number that was run, of `planned`.
-        samples: by variant; the first is the case as it is.
+        samples: by variant; the first is the baseline.
     """
 
     name: str
@@ -145,30 +145,30 @@ class Comparison:
     samples: Mapping[str, Sequence[Sample]]
 
     def ratios(self, variant: str, quantity: str) -> list[float]:
-        """Return a variant's values over those of the case as it is, pair by pair."""
-        pairs = zip(self.samples[variant], self.samples[PLAIN], strict=True)
+        """Return a variant's values over those of the baseline, pair by pair."""
+        pairs = zip(self.samples[variant], self.samples[BASELINE], strict=True)
         return [getattr(one, quantity) / getattr(plain, quantity) for one, plain in pairs]
 
     def results(self) -> dict[str, dict[str, float]]:
         """Return what was computed, the same in every run of a variant, by quantity and variant."""
         first = {name: samples[0].results for name, samples in self.samples.items()}
-        return {what: {name: found[what] for name, found in first.items()} for what in first[PLAIN]}
+        return {what: {name: found[what] for name, found in first.items()} for what in first[BASELINE]}
 
     def table(self) -> Table:
         """Return medians, and the ratios with their spread."""
         extrapolated = f"; seconds extrapolated from {self.steps} of {self.planned} steps"
         title = self.name + (extrapolated if self.steps < self.planned else "")
-        table = Table("", *self.samples, *(f"{name} over {PLAIN}" for name in self._variants()), title=title)
+        table = Table("", *self.samples, *(f"{name} over {BASELINE}" for name in self._variants()), title=title)
         for quantity, label in QUANTITIES.items():
             values = [median(getattr(one, quantity) for one in samples) for samples in self.samples.values()]
             ratios = [self.ratios(name, quantity) for name in self._variants()]
             shown = (f"{median(r):.3g} ({min(r):.3g} to {max(r):.3g})" for r in ratios)
             table.add_row(label, *(f"{v:.4g}" for v in values), *shown)
         for what, values_of in self.results().items():
-            over = (f"{values_of[name] / values_of[PLAIN]:.5f}" for name in self._variants())
+            over = (f"{values_of[name] / values_of[BASELINE]:.5f}" for name in self._variants())
             table.add_row(what, *(f"{value:.5g}" for value in values_of.values()), *over)
         for phase, seconds in self.phases().items():
-            plain = seconds[PLAIN]
+            plain = seconds[BASELINE]
             over = (f"{seconds[name] / plain:.2g}" if plain else "" for name in self._variants())
             table.add_row(f"{phase}, s", *(f"{value:.3g}" for value in seconds.values()), *over)
         return table
@@ -197,7 +197,7 @@ class Comparison:
         return path
 
     def _variants(self) -> list[str]:
-        return [name for name in self.samples if name != PLAIN]
+        return [name for name in self.samples if name != BASELINE]
 
 
 def compare(
@@ -215,7 +215,7 @@ def compare(
     Raises:
         SolverError: a run failed; says which.
     """
-    everything = {PLAIN: Setup(case), **variants}
+    everything = {BASELINE: Setup(case), **variants}
     for one in everything.values():
         Domain.build(one.case.geometry)  # all find their mesh in the cache
     rounds: list[dict[str, Sample]] = []
@@ -223,7 +223,7 @@ def compare(
         found: dict[str, Sample] = {}
         for label in list(everything)[:: -1 if number % 2 else 1]:
             try:
-                found[label] = take(everything[label], steps)
+                found[label] = run_sample(everything[label], steps)
             except SolverError as error:
                 if folder and rounds:
                     _comparison(name, steps, case, everything, rounds).write(folder)

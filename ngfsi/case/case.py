@@ -20,7 +20,7 @@ from pydantic_core import PydanticCustomError
 from ngfsi.case.geometries import find_builder, path_of
 from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.config.messages import key_error
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.outlines.displacement import OutlineDisplacement
@@ -29,7 +29,7 @@ from ngfsi.units import MMHG, Angle, Length, Pressure, Time
 
 def _build_geometry(value: Any, info: ValidationInfo) -> Any:
     """Return the geometry that a table with the import path of its builder under `type` describes."""
-    if isinstance(value, Section) and hasattr(value, "netgen_mesh"):
+    if isinstance(value, ConfigModel) and hasattr(value, "netgen_mesh"):
         return value
     if not isinstance(value, dict):
         text = 'a table with type = an import path such as "ngfsi_geometry.calf:CalfSegment"'
@@ -47,7 +47,7 @@ PARTS_OF_TISSUE = ("fat", "anterior", "lateral", "superficial_posterior", "deep_
 """Regions that are of the material of the tissue unless they have their own."""
 
 
-class Materials(Section):
+class Materials(ConfigModel):
     """The material of each region that the geometry has."""
 
     tissue: SolidMaterial | None = None
@@ -75,7 +75,7 @@ class Materials(Section):
         return law
 
 
-class Cuff(Section):
+class Cuff(ConfigModel):
     """A pressure on a part of the skin, over time: of a stocking's zone, or of one chamber of a pneumatic sleeve.
 
     It is whole inside the part, and falls smoothly to zero over `edge`, half of it outside.
@@ -100,7 +100,7 @@ class Cuff(Section):
         return self
 
 
-class Loads(Section):
+class Loads(ConfigModel):
     """What acts from outside, over time."""
 
     skin_pressure: PressureCurve
@@ -122,7 +122,7 @@ class Loads(Section):
         return frozenset(t for curve in acting for t in curve.breakpoints)
 
 
-class Conditions(Section):
+class Conditions(ConfigModel):
     """Ends of the segment and state at the start."""
 
     ends: Literal["roller", "clamped", "guided", "free"] = "roller"
@@ -139,7 +139,7 @@ class Conditions(Section):
     """Moves the skin of a plane section as given, e.g. by registration, instead of the pressure on it."""
 
 
-class Discretisation(Section):
+class Discretisation(ConfigModel):
     """Polynomial order and mesh motion."""
 
     order: int = Field(default=2, ge=2, le=6)
@@ -163,7 +163,7 @@ SAME_TIME = 1e-9
 MOST_STEPS = 1_000_000
 
 
-class TimeStepping(Section):
+class TimeStepping(ConfigModel):
     """Time scheme and steps."""
 
     scheme: Literal["bdf2", "backward_euler"] = "bdf2"
@@ -193,7 +193,7 @@ class TimeStepping(Section):
         return self
 
 
-class Solver(Section):
+class Solver(ConfigModel):
     """Newton's method and its linear solver."""
 
     tolerance: float = Field(default=1e-7, gt=0, lt=1)
@@ -207,7 +207,7 @@ class Solver(Section):
     fieldsplit, which iterate, for problems too large for these; `ngfsi info` says what each is."""
 
 
-class Output(Section):
+class Output(ConfigModel):
     """What is written beside the time series."""
 
     fields_every: int = Field(default=10, ge=0)
@@ -226,12 +226,12 @@ class Output(Section):
     """Wall shear stress below which an area of the wall counts as of low shear."""
 
 
-class Case(Section):
+class Case(ConfigModel):
     """One run."""
 
     name: str
     geometry: Annotated[Any, BeforeValidator(_build_geometry)]
-    """A builder from the package `geometry`, a Section; what else it offers is the business of Domain."""
+    """A builder from the package `geometry`, a ConfigModel; what else it offers is the business of Domain."""
     materials: Materials
     loads: Loads
     conditions: Conditions = Conditions()

@@ -1,8 +1,8 @@
 """Find a geometry builder by its import path, e.g. `ngfsi_geometry.calf:CalfSegment`.
 
 The builders stand beside the engine, in the package `geometry` of a clone, and are not part of an installed wheel.
-A builder is a Section with a method `netgen_mesh`. Importing a module executes it, and case files come from anywhere:
-other packages are imported only if the user names them in the environment variable NGFSI_GEOMETRY.
+A builder is a ConfigModel with a method `netgen_mesh`. Importing a module executes it, and case files come from
+anywhere: other packages are imported only if the user names them in the environment variable NGFSI_GEOMETRY.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import TypeGuard
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, unknown
 
 PACKAGE = "ngfsi_geometry"
@@ -25,7 +25,7 @@ OPT_IN = "NGFSI_GEOMETRY"
 PATTERN = re.compile(r"([A-Za-z_]\w*)(\.[A-Za-z_]\w*)+:[A-Za-z_]\w*")
 
 
-def find_builder(path: str) -> type[Section]:
+def find_builder(path: str) -> type[ConfigModel]:
     """Return the builder class at an import path.
 
     Raises:
@@ -61,7 +61,7 @@ def _refuse_strangers(package: str, path: str) -> None:
         )
 
 
-def path_of(builder: type[Section]) -> str:
+def path_of(builder: type[ConfigModel]) -> str:
     """Return the import path under which `find_builder` finds the class."""
     return f"{builder.__module__}:{builder.__qualname__}"
 
@@ -85,7 +85,10 @@ def _exists(module: str) -> bool:
         return False
 
 
-def _is_builder(item: object) -> TypeGuard[type[Section]]:
+def _is_builder(item: object) -> TypeGuard[type[ConfigModel]]:
     return (
-        isinstance(item, type) and issubclass(item, Section) and hasattr(item, "netgen_mesh") and not isabstract(item)
+        isinstance(item, type)
+        and issubclass(item, ConfigModel)
+        and hasattr(item, "netgen_mesh")
+        and not isabstract(item)
     )

@@ -18,14 +18,14 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.columns import first_columns
 from ngfsi.config.messages import key_error
-from ngfsi.config.model import Section, tagged
+from ngfsi.config.model import ConfigModel, tagged
 from ngfsi.errors import OutputError
 from ngfsi.units import Angle, FlowRate, Pressure, Time
 
 Q = TypeVar("Q", bound=float)
 
 
-class Constant(Section, Generic[Q]):
+class Constant(ConfigModel, Generic[Q]):
     """The same value at all times."""
 
     kind: Literal["constant"] = "constant"
@@ -41,7 +41,7 @@ class Constant(Section, Generic[Q]):
         return ()
 
 
-class Rise(Section, Generic[Q]):
+class Rise(ConfigModel, Generic[Q]):
     """From `initial` to `final` within `duration` after `start`, held before and after; base of the ramps."""
 
     initial: Q = Field(default=0.0)  # type: ignore[assignment] # Q is a float, its alias only names the dimension
@@ -91,7 +91,7 @@ class SmoothRamp(Rise[Q]):
         return ()
 
 
-class Table(Section, Generic[Q]):
+class Table(ConfigModel, Generic[Q]):
     """Linear between given points, held before the first and after the last."""
 
     kind: Literal["table"] = "table"
@@ -125,7 +125,7 @@ class Table(Section, Generic[Q]):
         return tuple(t for t, bend in zip(self.times, bends, strict=True) if bend)
 
 
-class Harmonics(Section, Generic[Q]):
+class Harmonics(ConfigModel, Generic[Q]):
     """Periodic: mean + sum over n = 1, 2, ... of amplitude_n cos(2 pi n t / period + phase_n)."""
 
     kind: Literal["harmonics"] = "harmonics"
@@ -152,7 +152,7 @@ class Harmonics(Section, Generic[Q]):
         return ()
 
 
-class Waveform(Section, Generic[Q]):
+class Waveform(ConfigModel, Generic[Q]):
     """One period of a measured curve, repeated: a periodic cubic spline through the points, the last as the first.
 
     Instead of times and values a file may be named, `{kind = "waveform", file = "inflow.csv"}`: two columns with a

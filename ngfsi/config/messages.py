@@ -47,7 +47,7 @@ def key_error(key: str, text: str) -> PydanticCustomError:
     return PydanticCustomError("key", "{text}", {"key": key, "text": text})
 
 
-def complaint(error: ValidationError, data: Any, *, source: str = "", prefix: str = "") -> str:
+def validation_message(error: ValidationError, data: Any, *, source: str = "", prefix: str = "") -> str:
     """Return the sentence for the first thing wrong in `data`, whose own key path is `prefix`."""
     # a default computed from another field is reported as well when that field is wrong: not the user's business
     errors = [e for e in error.errors(include_url=False) if e["type"] != "default_factory_not_called"]
@@ -89,7 +89,7 @@ def _sentence(error: ErrorDetails, place: Place, prefix: str) -> str:
         path = ".".join(filter(None, (prefix, place.path, context["key"])))
         return f"'{path}' {context['text']}"
     path = ".".join(filter(None, (prefix, place.path)))
-    if error["type"] == "missing":  # of fields Section complains itself: this is an entry of a list
+    if error["type"] == "missing":  # of fields ConfigModel complains itself: this is an entry of a list
         return f"{path} is missing: the list is too short"
     if error["type"] == "value_error":
         return f"{path}: {context['error']}" if path else str(context["error"])

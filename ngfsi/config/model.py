@@ -1,11 +1,11 @@
-"""Section: a frozen, strictly checked part of a case, read from TOML tables whose keys carry the units.
+"""ConfigModel: a frozen, strictly checked part of a case, read from TOML tables whose keys carry the units.
 
 A field `lumen_diameter: Length` is written `lumen_diameter_mm = 11.1` in a file and `lumen_diameter=0.0111` (SI) in
-Python. Files are read with `Section.from_dict`, where a quantity without a unit is an error; the constructor takes
+Python. Files are read with `ConfigModel.from_dict`, where a quantity without a unit is an error; the constructor takes
 plain SI names (and also the names with a unit). Lists become tuples, a table with a tag (`kind`, `law`) becomes the
 class of that tag. Types are strict: no text for numbers, no booleans for numbers, nothing infinite.
 
-Every refusal is one sentence in terms of what the user wrote (see `complaint.py`): a `CaseError`, or the class named
+Every refusal is one sentence in terms of what the user wrote (see `messages.py`): a `CaseError`, or the class named
 by the section's `refusal`.
 """
 
@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, Union, get_args, 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
-from ngfsi.config.messages import complaint, key_error
+from ngfsi.config.messages import key_error, validation_message
 from ngfsi.errors import CaseError, NgfsiError, suggestion, unknown
 from ngfsi.units import SI_SUFFIX, UNITS, Dimension, suffixes, to_si
 
@@ -34,7 +34,7 @@ class Key(NamedTuple):
     unit: str | None
 
 
-class Section(BaseModel):
+class ConfigModel(BaseModel):
     """Base of all parts of a case."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -47,7 +47,7 @@ class Section(BaseModel):
             super().__init__(**values)
         except ValidationError as error:
             source = type(self).__name__.partition("[")[0]
-            raise self.refusal(complaint(error, values, source=source)) from None
+            raise self.refusal(validation_message(error, values, source=source)) from None
 
     # Tells pydantic that nested sections need not be built through this __init__, which only words errors
     # (pydantic's own RootModel does the same): their errors then carry the whole key path.
@@ -65,7 +65,7 @@ class Section(BaseModel):
         try:
             return cls.model_validate(dict(data), context=FROM_FILE)
         except ValidationError as error:
-            raise cls.refusal(complaint(error, data, source=source)) from None
+            raise cls.refusal(validation_message(error, data, source=source)) from None
 
     def to_toml_dict(self) -> dict[str, Any]:
         """Return plain tables, lists and scalars with SI keys, from which `from_dict` gives an equal section."""
@@ -106,7 +106,7 @@ class Section(BaseModel):
             name = known.field if known else key
             current = getattr(self, name) if known else None
             path = f"{prefix}.{key}" if prefix else key
-            if isinstance(change, _Changes) and isinstance(current, Section):
+            if isinstance(change, _Changes) and isinstance(current, ConfigModel):
                 values[name] = current._changed(change, path)
             elif isinstance(change, _Changes):
                 raise CaseError(f"'{path}' {_unknown_key(type(self), key) if not known else 'holds no keys'}")
@@ -116,7 +116,7 @@ class Section(BaseModel):
         try:
             return type(self).model_validate(values)
         except ValidationError as error:
-            raise self.refusal(complaint(error, values, prefix=prefix)) from None
+            raise self.refusal(validation_message(error, values, prefix=prefix)) from None
 
     @model_validator(mode="before")
     @classmethod
@@ -148,7 +148,7 @@ class _Changes(dict[str, Any]):
 
 
 @cache
-def keys_of(cls: type[Section]) -> dict[str, Key]:
+def keys_of(cls: type[ConfigModel]) -> dict[str, Key]:
     """Return every key that may be written for a section, and what it stands for."""
     keys: dict[str, Key] = {}
     for name in cls.model_fields:
@@ -159,19 +159,19 @@ def keys_of(cls: type[Section]) -> dict[str, Key]:
     return keys
 
 
-def dimension_of_field(cls: type[Section], name: str) -> str | None:
+def dimension_of_field(cls: type[ConfigModel], name: str) -> str | None:
     """Return the physical dimension of a field's numbers, or None where they have none."""
     field = cls.model_fields[name]
     return _dimension(field.annotation, field.metadata)
 
 
-def si_key(cls: type[Section], name: str) -> str:
+def si_key(cls: type[ConfigModel], name: str) -> str:
     """Return the key of a field in SI, e.g. `lumen_diameter_m`."""
     dimension = dimension_of_field(cls, name)
     return f"{name}_{SI_SUFFIX[dimension]}" if dimension else name
 
 
-def tagged(tag: str, *classes: type[Section]) -> BeforeValidator:
+def tagged(tag: str, *classes: type[ConfigModel]) -> BeforeValidator:
     """Return the pydantic annotation that reads a table as the one of `classes` whose tag it carries."""
 
     def choose(value: Any, info: ValidationInfo) -> Any:
@@ -180,7 +180,7 @@ def tagged(tag: str, *classes: type[Section]) -> BeforeValidator:
     return BeforeValidator(choose)
 
 
-def choose_tagged(value: Any, info: ValidationInfo, tag: str, classes: tuple[type[Section], ...]) -> Any:
+def choose_tagged(value: Any, info: ValidationInfo, tag: str, classes: tuple[type[ConfigModel], ...]) -> Any:
     """Return the section of the class that the table's tag names; instances of the classes pass unchanged."""
     if isinstance(value, classes):
         return value
@@ -218,12 +218,12 @@ def _converted(value: Any, unit: str | None) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, Section):
+    if isinstance(value, ConfigModel):
         return value.to_toml_dict()
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 
-def _unknown_key(cls: type[Section], written: str) -> str:
+def _unknown_key(cls: type[ConfigModel], written: str) -> str:
     """Return why a key is refused: unit missing, unit of another dimension, or unknown with the nearest known ones."""
     for name in cls.model_fields:
         head, _, unit = written.partition(f"{name}_")
@@ -236,15 +236,15 @@ def _unknown_key(cls: type[Section], written: str) -> str:
     return f"is not a known key: {suggestion(written, spellings)}accepted here are {accepted}"
 
 
-def _spellings(cls: type[Section], name: str) -> list[str]:
+def _spellings(cls: type[ConfigModel], name: str) -> list[str]:
     """Return how a field may be written in a file, the SI key first."""
     dimension = dimension_of_field(cls, name)
     return [f"{name}_{suffix}" for suffix in suffixes(dimension)] if dimension else [name]
 
 
-def _purpose(cls: type[Section], name: str) -> str:
+def _purpose(cls: type[ConfigModel], name: str) -> str:
     return f"write {_one_of(cls, name)}" if dimension_of_field(cls, name) else f"a {cls.__name__} needs it"
 
 
-def _one_of(cls: type[Section], name: str) -> str:
+def _one_of(cls: type[ConfigModel], name: str) -> str:
     return " or ".join(f"'{spelling}'" for spelling in _spellings(cls, name))

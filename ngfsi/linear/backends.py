@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ngfsi.errors import SolverError
 from ngfsi.linear.mumps import Mumps
 from ngfsi.linear.petsc import without_petsc
-from ngfsi.parallel.ranks import ALONE, world
+from ngfsi.parallel.ranks import SERIAL, all_ranks
 
 if TYPE_CHECKING:
     from ngfsi.linear.multigrid import Levels
@@ -143,7 +143,7 @@ def _p_multigrid(matrix: Any, rows: ng.BitArray, scale: Any, levels: Levels, _sh
 def _fieldsplit(matrix: Any, rows: ng.BitArray, scale: Any, levels: Levels, shared: bool) -> Any:
     from ngfsi.linear.fieldsplit import FieldSplit
 
-    return FieldSplit(matrix, rows, scale, levels, world() if shared else ALONE)
+    return FieldSplit(matrix, rows, scale, levels, all_ranks() if shared else SERIAL)
 
 
 BACKENDS = {
@@ -169,7 +169,7 @@ def choose_backend(wanted: Literal["auto"] | Name) -> Name:
     Raises:
         SolverError: the one that is asked for is not here, or not for as many ranks as there are.
     """
-    ranks = world().size
+    ranks = all_ranks().size
     fit = {name: backend for name, backend in BACKENDS.items() if backend.distributed or ranks == 1}
     if wanted == "auto":
         wanted = next((name for name, backend in fit.items() if not backend.missing()), "mumps")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
 from ngfsi.linear.backends import BACKENDS, Iterative, Name
-from ngfsi.parallel.ranks import ALONE, World
+from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.system.sparse import pattern, ranges
 
@@ -31,7 +31,7 @@ class Factorisation:
     def __init__(
         self, form: ng.BilinearForm, free: Mask, backend: Name, equations: NDArray[np.int64] | None = None,
         watch: Stopwatch | None = None, levels: Callable[[], Levels] | None = None,
-        scale: Callable[[], Vector] | None = None, world: World = ALONE,
+        scale: Callable[[], Vector] | None = None, ranks: Ranks = SERIAL,
     ) -> None:  # fmt: skip
         """Prepare.
 
@@ -40,12 +40,12 @@ class Factorisation:
             watch: takes the seconds of assembly, factorisation and solves.
             levels: returns those of p-multigrid, for a solver that iterates.
             scale: returns that of each unknown, in whose measure such a solver judges its error; default: 1.
-            world: ranks of which each has a share of the form, and which all call `renew` and `solve`.
+            ranks: ranks of which each has a share of the form, and which all call `renew` and `solve`.
         """
         self.form = form
         self.backend = backend
         self.count = 0
-        self._watch, self._world = watch or Stopwatch(), world
+        self._watch, self._ranks = watch or Stopwatch(), ranks
         self._equations = np.arange(form.space.ndof) if equations is None else equations
         self._solved = ng.BitArray(list(free & np.array(list(form.space.FreeDofs(form.condense)))))
         self._target: NDArray[np.int64] | None = None
@@ -62,14 +62,14 @@ class Factorisation:
         """
         try:
             with self._watch("assembly"):
-                self._world.together(lambda: self._assemble(state))
+                self._ranks.together(lambda: self._assemble(state))
             with self._watch("factorisation"):
-                backend, shared = BACKENDS[self.backend], self._world.size > 1
+                backend, shared = BACKENDS[self.backend], self._ranks.size > 1
                 self._inverse = backend.factors(
                     self.form.mat, self._solved, self._inverse, self._levels, self._scale, shared=shared
                 )
         except Exception as error:  # NGSolve raises its own and generic exceptions for singular element matrices
-            if self._world.size > 1 and not isinstance(error, SolverError):
+            if self._ranks.size > 1 and not isinstance(error, SolverError):
                 raise  # what the other ranks do not know of cannot be gone on from
             raise SolverError(f"the linearised system could not be factorised: {error}") from error
         self.count += 1
@@ -131,5 +131,5 @@ class Factorisation:
     def _of_all(self, product: Any) -> Any:
         """Return the sum over all ranks of a product with an operator of their elements."""
         vector = product.Evaluate()
-        self._world.add(vector.FV().NumPy())
+        self._ranks.add(vector.FV().NumPy())
         return vector

@@ -19,7 +19,7 @@ from ngfsi.linear import multigrid
 from ngfsi.linear.multigrid import Levels
 from ngfsi.linear.mumps import by_mumps, check
 from ngfsi.linear.petsc import Summed
-from ngfsi.parallel.ranks import World
+from ngfsi.parallel.ranks import Ranks
 from ngfsi.system.sparse import csr
 
 Vector = NDArray[np.float64]
@@ -39,7 +39,7 @@ class FieldSplit:
         iterations: of GMRES since the beginning.
     """
 
-    def __init__(self, matrix: Any, rows: ng.BitArray, scale: Vector, levels: Levels, ranks: World) -> None:
+    def __init__(self, matrix: Any, rows: ng.BitArray, scale: Vector, levels: Levels, ranks: Ranks) -> None:
         """Set up.
 
         Args:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
 from ngfsi.linear.petsc import Summed
-from ngfsi.parallel.ranks import ALONE, world
+from ngfsi.parallel.ranks import SERIAL, all_ranks
 
 MEMORY, WORKSPACE_SHARE = 14, 40
 """MUMPS's number of the parameter, and the share (%) of workspace that pivoting may take beyond the estimate."""
@@ -44,13 +44,13 @@ class Mumps(ng.la.SparseFactorizationInterface):  # type: ignore[misc]
 
     def __init__(self, matrix: Any, *args: Any, **more: Any) -> None:
         super().__init__(matrix, *args, **more)
-        self._world = world() if matrix.inverse_flags.ToDict().get("shared") else ALONE
+        self._ranks = all_ranks() if matrix.inverse_flags.ToDict().get("shared") else SERIAL
 
     def Analyze(self) -> None:
         """Number the rows, and hand the pattern to PETSc."""
         from petsc4py import PETSc
 
-        self._summed = Summed(self._world, *self._csr())
+        self._summed = Summed(self._ranks, *self._csr())
         self._solver = PETSc.KSP().create(self._summed.comm)
         self._solver.setOperators(self._summed.matrix)
         self._solver.setType("preonly")

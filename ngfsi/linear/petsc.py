@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
-from ngfsi.parallel.ranks import ALONE, World
+from ngfsi.parallel.ranks import SERIAL, Ranks
 
 Vector = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -48,7 +48,7 @@ class Rows:
         self.number[order] = np.arange(len(order))
 
     @classmethod
-    def of(cls, ranks: World, count: int, touched: Numbers) -> Rows:
+    def of(cls, ranks: Ranks, count: int, touched: Numbers) -> Rows:
         """Return the distribution of `count` rows, of which each belongs to the lowest rank that touches it."""
         owner = ranks.lowest(count, touched)
         if np.any(owner == ranks.size):
@@ -66,7 +66,7 @@ class Summed:
         comm: PETSc's communicator.
     """
 
-    def __init__(self, ranks: World, values: Vector, columns: Numbers, starts: Numbers) -> None:
+    def __init__(self, ranks: Ranks, values: Vector, columns: Numbers, starts: Numbers) -> None:
         """Take the rows of this rank's matrix, compressed.
 
         Raises:
@@ -76,7 +76,7 @@ class Summed:
 
         PETSc.garbage_cleanup(PETSc.COMM_SELF)  # petsc4py keeps what Python has dropped
         self._ranks = ranks
-        self.comm = PETSc.COMM_SELF if ranks is ALONE else PETSc.COMM_WORLD
+        self.comm = PETSc.COMM_SELF if ranks is SERIAL else PETSc.COMM_WORLD
         touched = np.flatnonzero(np.diff(starts))
         self.rows = Rows.of(ranks, len(starts) - 1, touched)
         place = np.full(len(starts) - 1, -1, dtype=PETSc.IntType)
@@ -97,7 +97,7 @@ class Summed:
 
     def keep(self, *objects: Any) -> None:
         """Keep what PETSc destroys on all ranks together."""
-        if self._ranks is not ALONE:
+        if self._ranks is not SERIAL:
             _kept.extend(objects)
 
     def update(self, values: Vector) -> None:

@@ -12,7 +12,7 @@ from typing import ClassVar
 from ngsolve import CoefficientFunction, Cof, InnerProduct
 from pydantic import Field
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import MaterialError, NgfsiError
 from ngfsi.materials.solid import moduli
 from ngfsi.materials.solid.strain import Invariants, right_cauchy_green
@@ -21,7 +21,7 @@ from ngfsi.units import Density
 Pair = tuple[CoefficientFunction, CoefficientFunction]
 
 
-class Law(Section):
+class Law(ConfigModel):
     """A material of one region: common to solids and fluids."""
 
     refusal: ClassVar[type[NgfsiError]] = MaterialError

@@ -13,7 +13,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import MaterialError, unknown
 from ngfsi.materials.law import Law
 from ngfsi.materials.registry import laws
@@ -23,7 +23,7 @@ FOLDER = files("ngfsi.materials") / "sets"
 STATED = "stated_"
 
 
-class Stated(Section):
+class Stated(ConfigModel):
     """Initial moduli (Pa) as the source states them in words; None where it does not."""
 
     shear_modulus: Pressure | None = None

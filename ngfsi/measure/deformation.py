@@ -66,7 +66,7 @@ class Deformation:
         """Say in which region and where an element is turned inside out, or nothing."""
         for region in self._points:
             if not self.smallest_jacobian(region) > 0:
-                smallest, place = self.worst(region)
+                smallest, place = self.min_jacobian(region)
                 what = "the mesh of the blood is folded" if region == self._fluid else f"elements of '{region}' invert"
                 return f"{what} near {place} (det F {smallest:.3g})"
         return ""
@@ -77,7 +77,7 @@ class Deformation:
             f"inversion of {name}": f"elements of '{name}' near {place} are close to inversion, det F {J:.3g}"
             for name in self._points
             if self.smallest_jacobian(name) < CLOSE
-            for J, place in (self.worst(name),)
+            for J, place in (self.min_jacobian(name),)
         }
         for name in self._solids:
             if f"stability of {name}" not in self._warned and (unstable := self.unstable(name)):
@@ -88,7 +88,7 @@ class Deformation:
 
     def unstable(self, region: str) -> str:
         """Say where the material of a solid has lost its stability, or nothing."""
-        smallest, place = self.weakest(region)
+        smallest, place = self.min_ellipticity(region)
         if smallest > 0:
             return ""
         return (
@@ -96,7 +96,7 @@ class Deformation:
             f"{self._laws[region].law} does not resist shear bands there any more"
         )
 
-    def weakest(self, region: str) -> tuple[float, str]:
+    def min_ellipticity(self, region: str) -> tuple[float, str]:
         """Return the smallest resistance of a solid's material to shear bands (see `Ellipticity`), and the place."""
         points = self._points[region]
         F = np.asarray(self._strain(points)).reshape(-1, 3, 3)
@@ -106,13 +106,13 @@ class Deformation:
         number = int(chosen[np.argmin(resistances)])
         return float(np.min(resistances)), self._deformed_place(region, number)
 
-    def narrowest(self, begun: bool) -> str:
+    def diagnose_failure(self, begun: bool) -> str:
         """Say what in the last good state may be the end of a run, and where: to be added to a sentence.
 
         Args:
             begun: whether any step was taken, so that the loads have changed something.
         """
-        found = {region: self.worst(region) for region in self._points}
+        found = {region: self.min_jacobian(region) for region in self._points}
         region = min(found, key=lambda name: found[name][0])
         smallest, place = found[region]
         sentence = f"; in the last good state the smallest det F is {smallest:.3g}, in '{region}' near {place}"
@@ -124,7 +124,7 @@ class Deformation:
             return f"{sentence}: no element is close to inversion, the vein may have lost its stability"
         return f"{sentence}: no step was taken, the loads of the first one may be too large or jump"
 
-    def worst(self, region: str) -> tuple[float, str]:
+    def min_jacobian(self, region: str) -> tuple[float, str]:
         """Return the smallest det F of a region and the deformed place where it is, in words."""
         smallest, number = self._smallest(region)
         return smallest, self._deformed_place(region, number)

@@ -13,7 +13,7 @@ from ngfsi.measure.sections import Sections
 from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
 from ngfsi.measure.wall import ShearStatistics, Wall
-from ngfsi.mesh.domain import Vein
+from ngfsi.mesh.geometry import Vein
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System

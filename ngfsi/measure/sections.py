@@ -11,7 +11,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.mesh.domain import Vein
+from ngfsi.mesh.geometry import Vein
 from ngfsi.system.system import System
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from ngsolve import InnerProduct
 from numpy.typing import NDArray
 
 from ngfsi.measure.side import Side
-from ngfsi.mesh.domain import Vein
+from ngfsi.mesh.geometry import Vein
 from ngfsi.physics import terms
 from ngfsi.system.system import System
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import netgen.meshing as nm
 import ngsolve
@@ -19,8 +18,8 @@ from ngsolve import BND, VOL, CoefficientFunction, Mesh, Region, specialcf
 from numpy.typing import NDArray
 
 from ngfsi.errors import MeshError, RegionError, unknown
-from ngfsi.mesh.curving import ShapeMap
 from ngfsi.mesh.generate import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
+from ngfsi.mesh.geometry import Geometry
 
 LARGEST_VOLUME_ERROR = 0.01
 """Relative; a mesh that lost its curvature has several times as much."""
@@ -28,73 +27,6 @@ LARGEST_VOLUME_ERROR = 0.01
 CHORD_ITERATIONS = 30
 Array = NDArray[np.float64]
 NAME = re.compile(r"[a-z][a-z0-9_]*")
-
-
-class Geometry(Protocol):
-    """What `Domain` needs to know of a geometry; lengths in metres."""
-
-    @property
-    def solids(self) -> tuple[str, ...]:
-        """Names of the regions of the solids."""
-
-    @property
-    def fluid(self) -> str | None:
-        """Name of the region of the fluid; None: there is none."""
-
-    @property
-    def curving_order(self) -> int:
-        """Polynomial order of the curved elements."""
-
-    @property
-    def boundary_names(self) -> tuple[str, ...]:
-        """Every boundary the mesh must have; on an edge between two the shape map follows the earlier one."""
-
-    @property
-    def internal_names(self) -> tuple[str, ...]:
-        """Boundaries inside one region that the mesh may have."""
-
-    def mesh_attempts(self) -> Sequence[str]:
-        """Return a description of each way to mesh, in the order to be tried."""
-
-    def netgen_mesh(self, attempt: int = 0) -> Any:
-        """Return the straight Netgen mesh with names and geometry; may crash or hang."""
-
-    @property
-    def rigid_names(self) -> tuple[str, ...]:
-        """Boundaries that are fixed in space, and to which the fluid sticks."""
-
-    @property
-    def size(self) -> float:
-        """Length [m] against which displacements are judged: of what the fluid flows through or around."""
-
-    def inflow(self) -> CoefficientFunction:
-        """Return the velocity of unit mean with which the fluid enters through the inlet of the reference shape."""
-
-    def shape_map(self) -> ShapeMap | None:
-        """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""
-
-    def exact_volumes(self) -> dict[str, float]:
-        """Return the volume [m3] of each region of the reference shape."""
-
-
-class Vein(Geometry, Protocol):
-    """A geometry whose fluid flows through a straight vein, of which cross-sections can be taken."""
-
-    @property
-    def fluid(self) -> str:
-        """Name of the region of the blood."""
-
-    @property
-    def length(self) -> float:
-        """Length of the vein [m], from z = 0 to z = length."""
-
-    @property
-    def lumen_radius(self) -> float:
-        """Radius of the lumen [m]."""
-
-    @property
-    def vein_centre(self) -> tuple[float, float]:
-        """Position (x, y) of the vein's axis [m]."""
 
 
 class Domain:

@@ -33,7 +33,7 @@ from ngfsi.errors import MeshError
 from ngfsi.mesh.curving import reference_shape
 
 if TYPE_CHECKING:
-    from ngfsi.mesh.domain import Geometry
+    from ngfsi.mesh.geometry import Geometry
 
 TIMEOUT = 60.0
 """Seconds after which one attempt of the mesher is given up."""

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.columns import read_columns
 from ngfsi.config.messages import key_error
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
@@ -20,10 +20,10 @@ from ngfsi.units import Length
 Array = NDArray[np.float64]
 
 
-PARTS = ("x", "y", "ux", "uy")
+COLUMNS = ("x", "y", "ux", "uy")
 
 
-class OutlineDisplacement(Section):
+class OutlineDisplacement(ConfigModel):
     """Displacement (ux, uy) of points (x, y) of an outline, between them by periodic cubic splines of arc length.
 
     Instead of the numbers a file may be named, `skin_displacement = {file = "skin.csv"}`, as `ngfsi register` writes
@@ -56,13 +56,13 @@ class OutlineDisplacement(Section):
             OutputError: the file cannot be read, or lacks a column.
             GeometryError: the points make no outline.
         """
-        columns = read_columns(path, dict.fromkeys(PARTS, "length"))
-        return cls(**{name: tuple(map(float, columns[name])) for name in PARTS})
+        columns = read_columns(path, dict.fromkeys(COLUMNS, "length"))
+        return cls(**{name: tuple(map(float, columns[name])) for name in COLUMNS})
 
     def rows(self) -> list[dict[str, float]]:
         """Return the rows of such a file, in SI."""
-        values = zip(*(getattr(self, name) for name in PARTS), strict=True)
-        return [{f"{name}_m": value for name, value in zip(PARTS, row, strict=True)} for row in values]
+        values = zip(*(getattr(self, name) for name in COLUMNS), strict=True)
+        return [{f"{name}_m": value for name, value in zip(COLUMNS, row, strict=True)} for row in values]
 
     @classmethod
     def between(cls, before: Array, after: Array) -> Self:

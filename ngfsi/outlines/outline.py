@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ngfsi.config.columns import read_columns
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.units import Length
 
@@ -27,7 +27,7 @@ OPEN = 8.0
 NEWTON_STEPS = 8
 
 
-class Outline(Section):
+class Outline(ConfigModel):
     """A closed curve through points, counter-clockwise: the periodic cubic spline by the length of the chords.
 
     Points may come in either sense, and the first may stand last again.

@@ -1,8 +1,8 @@
 """The processes (ranks) of one run under mpirun, of which rank 0 leads and the others do what it orders.
 
-Only rank 0 runs the program: it alone reads, decides, measures and writes. The others wait for its orders (`obey`), of
+Only rank 0 runs the program: it alone reads, decides, measures and writes. The others wait for its orders (`serve`), of
 which each is a piece of work that all ranks do together. So no rank can come to another decision than the others, and
-without mpirun nothing is different but that there is nobody to order.
+without mpirun the same code runs without workers.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ def threads(count: int) -> dict[str, str]:
     return dict.fromkeys(THREADS, str(count))
 
 
-class World:
+class Ranks:
     """The ranks, or this process alone.
 
     Attributes:
         rank: number of this process; 0 leads.
         size: number of processes.
-        manned: whether the other ranks wait for orders.
+        workers_ready: whether the other ranks wait for orders.
     """
 
     def __init__(self, communicator: Any = None) -> None:
@@ -52,7 +52,7 @@ class World:
         self._comm = communicator
         self.rank: int = communicator.rank if communicator else 0
         self.size: int = communicator.size if communicator else 1
-        self.manned = False
+        self.workers_ready = False
         self._under_way = False
         self._count = itertools.count()
 
@@ -82,7 +82,7 @@ class World:
             raise
         self._under_way = False
 
-    def obey(self, handlers: dict[str, Handler]) -> None:
+    def serve(self, handlers: dict[str, Handler]) -> None:
         """Do what rank 0 orders, until it sends the others home.
 
         What fails in a part of the work that ranks do by themselves, rank 0 knows and judges; anything else ends all.
@@ -99,13 +99,13 @@ class World:
                 print(f"ngfsi: rank {self.rank} failed, {type(error).__name__}: {error}", file=sys.stderr, flush=True)
                 self._comm.Abort(1)
 
-    def dismiss(self) -> None:
+    def shutdown(self) -> None:
         """Send the other ranks home; if they are in the midst of a piece of work, end all."""
         if self._under_way:
             sys.stderr.flush()
             self._comm.Abort(1)
         with self.order(END):
-            self.manned = False
+            self.workers_ready = False
 
     def together(self, work: Callable[[], T]) -> T:
         """Do each rank's own part of a piece of work, before one that needs all of them.
@@ -146,7 +146,7 @@ class World:
         return found
 
 
-ALONE = World()
+SERIAL = Ranks()
 """This process, whatever others there are."""
 
 
@@ -165,7 +165,7 @@ def _stay_within_processors() -> None:
 
 
 @cache
-def world() -> World:
+def all_ranks() -> Ranks:
     """Return the ranks that a launcher started; each takes one thread unless the environment says otherwise.
 
     A process alone takes as many threads as it has processors.
@@ -176,7 +176,7 @@ def world() -> World:
     _, size = launched()
     if size == 1:
         _stay_within_processors()
-        return ALONE
+        return SERIAL
     for name, count in threads(1).items():
         os.environ.setdefault(name, count)
     missing = [name for name in ("mpi4py", "petsc4py") if find_spec(name) is None]
@@ -193,4 +193,4 @@ def world() -> World:
             "the mpirun that started them"
         )
     import_module("petsc4py.PETSc")  # which begins on all ranks together
-    return World(MPI.COMM_WORLD)
+    return Ranks(MPI.COMM_WORLD)

@@ -20,7 +20,7 @@ from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
 from ngfsi.measure.shape import Shape
 from ngfsi.mesh.domain import Domain
-from ngfsi.parallel.ranks import world
+from ngfsi.parallel.ranks import all_ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
@@ -174,13 +174,17 @@ class Computation:
         self._stability: Stability | None = None
         self._factorisations = start.facts["factorisations"] if start else 0
         self._time = 0.0
-        self._kept_at: float | None = None
-        self._kept_when = perf_counter()
+        self._checkpoint_time: float | None = None
+        self._checkpoint_clock = perf_counter()
 
     @property
     def reached(self) -> str:
         """How far the run came, for a sentence."""
-        return "" if self._kept_at is None else f" at t = {self._time:.6g} s, checkpoint at t = {self._kept_at:.6g} s"
+        return (
+            ""
+            if self._checkpoint_time is None
+            else f" at t = {self._time:.6g} s, checkpoint at t = {self._checkpoint_time:.6g} s"
+        )
 
     def run(self, stops: Stops, *, quiet: bool) -> None:
         """Compute everything, until the end or until `stops` wants."""
@@ -206,7 +210,7 @@ class Computation:
 
     def _solve(self, domain: Domain, stops: Stops, *, quiet: bool) -> None:
         with self.watch("set-up"):
-            system = shared_system(self.case, domain, self.watch, world())
+            system = shared_system(self.case, domain, self.watch, all_ranks())
             self._note_system(system)
             newton = Newton(system, self.backend)
         with self.watch("initial state"):
@@ -219,8 +223,8 @@ class Computation:
 
                 self._stability = Stability(system)
         shape = probe.deformation
-        loop = TimeLoop(self.case, system, newton, shape.inversion, self.folder.log, explain=shape.narrowest)
-        until = self._take_up(loop) if self.start else -inf
+        loop = TimeLoop(self.case, system, newton, shape.inversion, self.folder.log, explain=shape.diagnose_failure)
+        until = self._restore(loop) if self.start else -inf
         stops.patient = True
         fields = volume_fields(system) | ({COLLAPSE: self._stability.mode} if self._stability else {})
         writer = FieldWriter(self.folder.path, domain, fields, until)
@@ -229,17 +233,17 @@ class Computation:
                 self._record(0.0, 0.0, probe)
                 self._write_wall(0.0, probe, writer)
                 self._write(0.0, probe, writer)
-                self._keep(loop)
+                self._write_checkpoint(loop)
             self._march(loop, probe, writer, progress, stops)
 
-    def _take_up(self, loop: TimeLoop) -> float:
+    def _restore(self, loop: TimeLoop) -> float:
         """Go on from the checkpoint; return its time (s)."""
         assert self.start is not None
         with self.watch("set-up"):
             if self._stability:
                 self._stability.restore(part_of(self.start.arrays, STAGE))
             loop.restore(self.start.arrays)
-        self._time = self._kept_at = loop.history.times[0]
+        self._time = self._checkpoint_time = loop.history.times[0]
         for damage in self.start.damaged:
             self.folder.log(f"a checkpoint was passed over: {damage}")
         self.folder.log(f"resumed from t = {self._time:.6g} s")
@@ -249,7 +253,7 @@ class Computation:
         steps = self._timed(loop.run())
         while True:
             if request := stops.request():
-                self._keep(loop)
+                self._write_checkpoint(loop)
                 raise request
             try:
                 if (step := next(steps, None)) is None:
@@ -267,8 +271,8 @@ class Computation:
             if self._is_due(step, loop, self.case.output.fields_every):
                 self._write(step.time, probe, writer)
             progress.advance(step.index, step.time, step.solution.iterations)
-            if self._is_kept(step):
-                self._keep(loop)
+            if self._checkpoint_due(step):
+                self._write_checkpoint(loop)
 
     def _write_what_is_not(self, probe: Probe, writer: FieldWriter) -> None:
         """Write the last good state, to see what happened."""
@@ -281,14 +285,14 @@ class Computation:
     def _is_due(step: Step, loop: TimeLoop, every: int) -> bool:
         return step.time == loop.end or (every > 0 and step.index % every == 0)
 
-    def _is_kept(self, step: Step) -> bool:
+    def _checkpoint_due(self, step: Step) -> bool:
         every = self.case.output.checkpoint_every
-        by_clock = perf_counter() - self._kept_when > self.case.output.checkpoint_interval
+        by_clock = perf_counter() - self._checkpoint_clock > self.case.output.checkpoint_interval
         return by_clock or (every > 0 and step.index % every == 0)
 
-    def _keep(self, loop: TimeLoop) -> None:
+    def _write_checkpoint(self, loop: TimeLoop) -> None:
         """Write a checkpoint; one that cannot be written costs no results, and the run goes on."""
-        self._kept_when = perf_counter()
+        self._checkpoint_clock = perf_counter()
         facts = {"time_s": self._time, "mesh": self._mesh, "factorisations": self._factorisations}
         try:
             with self.watch("checkpoints"):
@@ -296,7 +300,7 @@ class Computation:
         except OutputError as error:
             self.folder.log(f"t = {self._time:.6g} s: no checkpoint: {error}")
         else:
-            self._kept_at = self._time
+            self._checkpoint_time = self._time
 
     def _stages(self) -> dict[str, Vector]:
         """Return what the stability at later times depends on."""
@@ -352,7 +356,7 @@ class Computation:
             reference={"lumen_volume_m3": system.domain.volume(system.domain.fluid)},
             linear_solver=self.backend,
             threads=ng.ngsglobals.numthreads,
-            ranks=system.world.size,
+            ranks=system.ranks.size,
         )
 
 

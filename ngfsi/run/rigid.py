@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, TimeStepping
 from ngfsi.config.functions import FlowCurve, PressureConstant
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import Newtonian
 from ngfsi.measure.shear_history import ShearHistory
@@ -28,7 +28,7 @@ MOST_CYCLES = 6
 
 
 def rigid_case(
-    geometry: Section, blood: Newtonian, flow: FlowCurve, *, order: int, step: float = 1.0, end: float = 1.0
+    geometry: ConfigModel, blood: Newtonian, flow: FlowCurve, *, order: int, step: float = 1.0, end: float = 1.0
 ) -> Case:
     """Return the case of flow through a rigid vein into an outlet of pressure 0; `end` in s is that of one cycle."""
     rest = PressureConstant(value=0.0)

@@ -121,8 +121,8 @@ class Newton:
 
     def __init__(self, system: System, backend: Name, *blocks: str) -> None:
         self.system = system
-        with system.world.order("newton", lambda: backend, lambda: blocks):
-            self.number = system.world.count()
+        with system.ranks.order("newton", lambda: backend, lambda: blocks):
+            self.number = system.ranks.count()
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
         self.factorisation = Factorisation(
@@ -133,7 +133,7 @@ class Newton:
             system.watch,
             lambda: system.levels,
             lambda: self._scale_vector(system.block_scales()),
-            system.world,
+            system.ranks,
         )
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
@@ -222,12 +222,12 @@ class Newton:
             self.system.values[self.free] = (best + x) / 2 if self._grown(history) else x + step
             self._renew(solution, self.system.new_weight.Get())
             history = []
-        raise SolverError(self._complaint(solution, scales))
+        raise SolverError(self._failure_message(solution, scales))
 
     def _plain_step(self) -> Vector:
         residual = self.system.residual()
         residual.FV().NumPy()[~self.free] = 0.0
-        with self.system.world.order("solve", lambda: self.number, residual.FV().NumPy):
+        with self.system.ranks.order("solve", lambda: self.number, residual.FV().NumPy):
             self.factorisation.solve(residual, self._update)
         return -np.asarray(self._update.FV().NumPy()[self.free])
 
@@ -253,7 +253,7 @@ class Newton:
         solution.factorisations += 1
 
     def _factorise(self) -> None:
-        with self.system.world.order("renew", lambda: self.number, self.system.news):
+        with self.system.ranks.order("renew", lambda: self.number, self.system.changed_state):
             self.factorisation.renew(self.system.state.vec)
         self._factored_at = [*self._factored_at[: FACTORED_KEPT - 1], self.system.snapshot()]
 
@@ -280,7 +280,7 @@ class Newton:
             for name in self.blocks
         }
 
-    def _complaint(self, solution: Solution, scales: Mapping[str, float]) -> str:
+    def _failure_message(self, solution: Solution, scales: Mapping[str, float]) -> str:
         names = {"d": "displacement of the solids", "w": "velocity", "p": "blood pressure", "e": "mesh motion",
                  "s": "stretch across the plane"}  # fmt: skip
         finite = {k: v for k, v in solution.changes.items() if np.isfinite(v)}

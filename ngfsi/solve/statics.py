@@ -13,7 +13,7 @@ from scipy.sparse.linalg import ArpackError, eigs
 
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
 from ngfsi.config.functions import PressureConstant
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError, SolverError
 from ngfsi.linear.backends import choose_backend
 from ngfsi.mesh.domain import Domain
@@ -24,7 +24,7 @@ from ngfsi.system.system import System
 
 
 def section_case(
-    geometry: Section, materials: Materials, *, skin: float = 0.0, blood: float = 0.0,
+    geometry: ConfigModel, materials: Materials, *, skin: float = 0.0, blood: float = 0.0,
     conditions: Conditions | None = None, name: str = "section",
 ) -> Case:  # fmt: skip
     """Return the case of a plane section under pressures (Pa) on the skin and in the veins.

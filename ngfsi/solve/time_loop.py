@@ -194,8 +194,8 @@ class TimeLoop:
         system.values[:] = predicted
         ahead = weights(case.time.scheme, size, size).new
         solution = self.newton.solve(case.solver.tolerance, case.solver.max_iterations, ahead)
-        if complaint := self._inspect():
-            raise SolverError(complaint)
+        if reason := self._inspect():
+            raise SolverError(reason)
         self._check_accuracy(size, predicted)
         return solution
 

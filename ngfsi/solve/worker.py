@@ -20,30 +20,30 @@ from ngfsi.errors import CaseError
 from ngfsi.linear.backends import Name
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.generate import MeshReport, quiet
-from ngfsi.parallel.ranks import World
+from ngfsi.parallel.ranks import Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System, Vector
 
 
-def shared_system(case: Case, domain: Domain, watch: Stopwatch, world: World) -> System:
+def shared_system(case: Case, domain: Domain, watch: Stopwatch, ranks: Ranks) -> System:
     """Return the system of a case of which each rank has a share; the others make theirs.
 
     Raises:
         CaseError: nobody waits for orders on the other ranks.
         SolverError: a rank failed.
     """
-    if world.size == 1:
+    if ranks.size == 1:
         return System(case, domain, watch)
-    if not world.manned:
-        raise CaseError(f"a script runs a case in one process, not in {world.size}: use `mpirun ngfsi run CASE.toml`")
-    owners = shares(domain, world.size)
+    if not ranks.workers_ready:
+        raise CaseError(f"a script runs a case in one process, not in {ranks.size}: use `mpirun ngfsi run CASE.toml`")
+    owners = partition(domain, ranks.size)
     mesh = partial(pickle.dumps, domain.mesh.ngmesh)
-    with world.order("system", case.to_toml, mesh, lambda: domain.report, lambda: owners):
-        return world.together(lambda: System(case, domain, watch, world, _mine(owners, world)))
+    with ranks.order("system", case.to_toml, mesh, lambda: domain.report, lambda: owners):
+        return ranks.together(lambda: System(case, domain, watch, ranks, _mine(owners, ranks)))
 
 
-def shares(domain: Domain, count: int) -> NDArray[np.int64]:
+def partition(domain: Domain, count: int) -> NDArray[np.int64]:
     """Return the rank of each element: each region is cut into compact parts of the same number of elements."""
     elements = list(domain.mesh.Elements(ng.VOL))
     centres = np.array([np.mean([domain.mesh[v].point for v in e.vertices], axis=0) for e in elements])
@@ -69,15 +69,15 @@ def _bisected(centres: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     return parts
 
 
-def _mine(owners: NDArray[np.int64], world: World) -> ng.BitArray:
-    return ng.BitArray(list(owners == world.rank))
+def _mine(owners: NDArray[np.int64], ranks: Ranks) -> ng.BitArray:
+    return ng.BitArray(list(owners == ranks.rank))
 
 
-class Hand:
+class Worker:
     """A rank other than 0: owns its share of a system and the solvers that rank 0 has made of it."""
 
-    def __init__(self, world: World) -> None:
-        self._world = world
+    def __init__(self, ranks: Ranks) -> None:
+        self._ranks = ranks
         self._system: Any = None
         self._solvers: dict[int, Newton] = {}
         self._known: dict[str, Vector] = {}
@@ -85,7 +85,7 @@ class Hand:
     def work(self) -> None:
         """Do what rank 0 orders until it is done."""
         with ng.TaskManager():
-            self._world.obey(
+            self._ranks.serve(
                 {"system": self.system, "newton": self.newton, "residual": self.residual, "renew": self.renew,
                  "solve": self.solve}
             )  # fmt: skip
@@ -97,27 +97,27 @@ class Hand:
             case = Case.from_dict(tomllib.loads(toml))
             with quiet():
                 domain = Domain(ng.Mesh(pickle.loads(mesh)), case.geometry, report)
-            return System(case, domain, world=self._world, elements=_mine(owners, self._world))
+            return System(case, domain, ranks=self._ranks, elements=_mine(owners, self._ranks))
 
-        self._system = self._world.together(make)
+        self._system = self._ranks.together(make)
 
     def newton(self, backend: Name, blocks: tuple[str, ...]) -> None:
         """Make a solver on some blocks of unknowns."""
         solver = Newton(self._system, backend, *blocks)
         self._solvers[solver.number] = solver
 
-    def residual(self, news: dict[str, Vector]) -> None:
+    def residual(self, changed_state: dict[str, Vector]) -> None:
         """Add to the residual."""
-        self._hear(news)
+        self._receive_state(changed_state)
         self._system.apply()
 
-    def renew(self, number: int, news: dict[str, Vector]) -> None:
+    def renew(self, number: int, changed_state: dict[str, Vector]) -> None:
         """Linearise and factorise."""
-        self._hear(news)
+        self._receive_state(changed_state)
         self._solvers[number].factorisation.renew(self._system.state.vec)
 
-    def _hear(self, news: dict[str, Vector]) -> None:
-        self._known |= news
+    def _receive_state(self, changed_state: dict[str, Vector]) -> None:
+        self._known |= changed_state
         self._system.restore(self._known)
 
     def solve(self, number: int, values: Vector) -> None:

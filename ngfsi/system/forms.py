@@ -42,14 +42,14 @@ def reduced_rules(order: int) -> dict[Any, ng.IntegrationRule]:
     return found
 
 
-class Part(NamedTuple):
+class Integral(NamedTuple):
     """Integrands, linear in the test functions, and their measure."""
 
     integrands: Sequence[Any]
     measure: Any
 
 
-def residual_form(space: Any, parts: Sequence[Part]) -> ng.BilinearForm:
+def residual_form(space: Any, parts: Sequence[Integral]) -> ng.BilinearForm:
     """Return a form to apply; it has no matrix.
 
     Each part is one integrand, which NGSolve differentiates by its test functions: it then evaluates a stress once,
@@ -66,7 +66,7 @@ def residual_form(space: Any, parts: Sequence[Part]) -> ng.BilinearForm:
     return form
 
 
-def tangent_form(space: Any, parts: Sequence[Part], *, condense: bool = False) -> ng.BilinearForm:
+def tangent_form(space: Any, parts: Sequence[Integral], *, condense: bool = False) -> ng.BilinearForm:
     """Return a form to linearise.
 
     Each integrand is one integral: NGSolve evaluates it for every pair of components of its trial and its test

@@ -17,12 +17,12 @@ from ngfsi.materials import Newtonian
 from ngfsi.materials.solid.small_strain import SmallStrain
 from ngfsi.mesh.domain import Domain, elements_at
 from ngfsi.outlines.displacement import OutlineDisplacement
-from ngfsi.parallel.ranks import ALONE, World
+from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics, in_space
 from ngfsi.system.boundary import boundary_values
-from ngfsi.system.forms import Part, WithInertia, WithoutRows, reduced_rules, residual_form, rules, tangent_form
+from ngfsi.system.forms import Integral, WithInertia, WithoutRows, reduced_rules, residual_form, rules, tangent_form
 from ngfsi.system.schemes import STEADY, Weights
 from ngfsi.system.unknowns import Unknowns
 
@@ -71,17 +71,17 @@ class System:
     """
 
     def __init__(
-        self, case: Case, domain: Domain, watch: Stopwatch | None = None, world: World = ALONE,
+        self, case: Case, domain: Domain, watch: Stopwatch | None = None, ranks: Ranks = SERIAL,
         elements: ng.BitArray | None = None,
     ) -> None:  # fmt: skip
         """Build the forms.
 
         Args:
             watch: takes the seconds of residuals, assembly, factorisation and solves.
-            world: ranks that work on the same case together.
+            ranks: ranks that work on the same case together.
             elements: those of which this rank has the integrals; default: all.
         """
-        self.case, self.domain, self.world = case, domain, world
+        self.case, self.domain, self.ranks = case, domain, ranks
         self.watch = watch or Stopwatch()
         inflow = case.loads.inlet_pressure is None
         given = case.conditions
@@ -109,7 +109,7 @@ class System:
             self.relaxation = GridFunction(space.components[0])
         self.form, self.tangent = self._forms(space, elements)
         self._residual = self.state.vec.CreateVector()
-        self._told: dict[str, Vector] = {}
+        self._last_sent: dict[str, Vector] = {}
         self._inlet = Inlet(self) if domain.geometry.fluid else None
 
     @property
@@ -191,7 +191,7 @@ class System:
         near = None if at is None else elements_at(self.domain, self.domain.fluid, at)
         return residual_form(self.unknowns.space, self.fluid_parts(near))
 
-    def parts(self, elements: ng.BitArray | None = None) -> list[Part]:
+    def parts(self, elements: ng.BitArray | None = None) -> list[Integral]:
         """Return the integrands of the weak form but the solids' inertia, on some elements or all; of several ranks
         the first has those on boundaries."""
         return self.solid_parts(elements) + (self.fluid_parts(elements) if self.domain.geometry.fluid else [])
@@ -211,17 +211,17 @@ class System:
     def work_parts(
         self, name: str, F: Any, grad_v: Any, relaxation: Any | None, across: tuple[Any, Any] = (1, 0),
         elements: ng.BitArray | None = None,
-    ) -> list[Part]:  # fmt: skip
+    ) -> list[Integral]:  # fmt: skip
         """Return the virtual work of a solid's stresses, at all integration points first."""
         order, law = self.unknowns.order, self.solids[name]
         dx = partial(self.domain.dx, name, definedonelements=elements)
         measure = dx(intrules=self._rules(2 * order))
         if self.case.discretisation.bulk_integration == "full":
-            return [Part([terms.internal_work(law, F, grad_v, relaxation, across)], measure)]
+            return [Integral([terms.internal_work(law, F, grad_v, relaxation, across)], measure)]
         rest, bulk = terms.internal_works(law, F, grad_v, relaxation, across)
-        return [Part([rest], measure), Part([bulk], dx(intrules=reduced_rules(order)))]
+        return [Integral([rest], measure), Integral([bulk], dx(intrules=reduced_rules(order)))]
 
-    def solid_parts(self, elements: ng.BitArray | None = None) -> list[Part]:
+    def solid_parts(self, elements: ng.BitArray | None = None) -> list[Integral]:
         """Return the integrands of the solids and of the pressures on skin and lumens."""
         trial, test = self.unknowns.space.TnT()
         m, v = trial[0], test[0]
@@ -231,7 +231,7 @@ class System:
             # the stretch across the plane and its variation
             across = (1 + trial[1], test[1]) if name in self.case.conditions.plane_stress else (1, 0)
             parts += self.work_parts(name, F, ng.Grad(v), relaxation, across, elements)
-        if not self.world.leads:
+        if not self.ranks.leads:
             return parts
         if self.domain.has_boundary("skin"):
             parts.append(self._pressure_on("skin", self._on_skin(), m, v))
@@ -240,12 +240,12 @@ class System:
         lumens = getattr(self.domain.geometry, "lumen_names", ())
         return parts + [self._pressure_on(name, self.outlet_pressure, m, v) for name in lumens]
 
-    def inertia_parts(self, acceleration: Any, v: Any, elements: ng.BitArray | None = None) -> list[Part]:
+    def inertia_parts(self, acceleration: Any, v: Any, elements: ng.BitArray | None = None) -> list[Integral]:
         """Return the integrands of the solids' inertia, for one component or all of an acceleration."""
         measure = partial(self.domain.dx, definedonelements=elements, intrules=self._rules(2 * self.unknowns.order))
-        return [Part([terms.inertia(law.density, acceleration, v)], measure(n)) for n, law in self.solids.items()]
+        return [Integral([terms.inertia(law.density, acceleration, v)], measure(n)) for n, law in self.solids.items()]
 
-    def static_parts(self, m: Any, v: Any) -> list[Part]:
+    def static_parts(self, m: Any, v: Any) -> list[Integral]:
         """Return the integrands of the solids at rest under the present pressures, the blood's held as it is.
 
         Args:
@@ -260,20 +260,20 @@ class System:
             parts.append(self._blood_on_wall(blood, m, v))
         return parts
 
-    def _blood_on_wall(self, pressure: Any, m: Any, v: Any) -> Part:
+    def _blood_on_wall(self, pressure: Any, m: Any, v: Any) -> Integral:
         """Return the work of a pressure of the blood on the deformed interface."""
         k, out_of_blood = Kinematics(ng.Grad(m).Trace()), self.domain.outward_normal()
-        return Part([-terms.follower_pressure(pressure, k, out_of_blood, v.Trace())], self.domain.ds("interface"))
+        return Integral([-terms.follower_pressure(pressure, k, out_of_blood, v.Trace())], self.domain.ds("interface"))
 
-    def _pressure_on(self, name: str, pressure: Any, m: Any, v: Any) -> Part:
+    def _pressure_on(self, name: str, pressure: Any, m: Any, v: Any) -> Integral:
         """Return the work of a pressure on a boundary, on its deformed shape unless strains are small."""
         normal, grad_m = ng.specialcf.normal(self.domain.mesh.dim), ng.Grad(m)
         if self.domain.mesh.dim == 3:
             k = Kinematics(grad_m.Trace())
-            return Part([terms.follower_pressure(pressure, k, normal, v.Trace())], self.domain.ds(name))
+            return Integral([terms.follower_pressure(pressure, k, normal, v.Trace())], self.domain.ds(name))
         # around holes of the plane the normal is outward only as the elements' own
         k = Kinematics(0 * grad_m if self._small else grad_m)
-        return Part([terms.follower_pressure(pressure, k, normal, v)], self.domain.ds(name, skeleton=True))
+        return Integral([terms.follower_pressure(pressure, k, normal, v)], self.domain.ds(name, skeleton=True))
 
     def _on_skin(self) -> Any:
         """Return the pressure on the skin as a function of place."""
@@ -283,7 +283,7 @@ class System:
         ]
         return sum(parts, self.skin_pressure)
 
-    def fluid_parts(self, elements: ng.BitArray | None = None) -> list[Part]:
+    def fluid_parts(self, elements: ng.BitArray | None = None) -> list[Integral]:
         """Return the integrands of the blood and of the mesh motion."""
         trial, test = self.unknowns.space.TnT()
         blood, f = self.blood, self.fields(trial)
@@ -303,9 +303,9 @@ class System:
             inside.append(terms.elastic_extension(stiffness, k, ng.Grad(v_mesh)))
         points = self._rules(2 * self.unknowns.order + EXTRA_ORDER)
         measure = self.domain.dx(self.domain.fluid, intrules=points, definedonelements=elements)
-        return [Part(inside, measure), *(self._through(n, f, k, v, elements) for n in self.openings)]
+        return [Integral(inside, measure), *(self._through(n, f, k, v, elements) for n in self.openings)]
 
-    def _through(self, name: str, f: Fields, k: Kinematics, v: Any, elements: ng.BitArray | None) -> Part:
+    def _through(self, name: str, f: Fields, k: Kinematics, v: Any, elements: ng.BitArray | None) -> Integral:
         """Return the traction on an opening as an integral over the boundary of the elements there.
 
         NGSolve's own over a boundary with the whole gradient (`skeleton`) takes all elements, and room for them.
@@ -316,7 +316,7 @@ class System:
         side = self.domain.dx(
             self.domain.fluid, element_boundary=True, definedonelements=near if elements is None else near & elements
         )
-        return Part([face * self.opening(name, f, k, v)], side)
+        return Integral([face * self.opening(name, f, k, v)], side)
 
     def opening(self, name: str, f: Fields, k: Kinematics, v: Any) -> Any:
         """Return the integrand of the traction on an opening with a prescribed pressure; needs the full gradient."""
@@ -372,10 +372,10 @@ class System:
         fields = {name: np.array(field.vec.FV().NumPy()) for name, field in self._fields_of_state().items()}
         return fields | {"loads": np.array([p.Get() for p in self._parameters()] + [self.flow_rate])}
 
-    def news(self) -> dict[str, Vector]:
+    def changed_state(self) -> dict[str, Vector]:
         """Return of the snapshot what is not as it was at the last call."""
-        before, self._told = self._told, self.snapshot()
-        return {name: part for name, part in self._told.items() if not np.array_equal(part, before.get(name, ()))}
+        before, self._last_sent = self._last_sent, self.snapshot()
+        return {name: part for name, part in self._last_sent.items() if not np.array_equal(part, before.get(name, ()))}
 
     def restore(self, snapshot: Mapping[str, Vector]) -> None:
         """Take the state, rates and loads of a snapshot of an equal system."""
@@ -405,16 +405,16 @@ class System:
         """
         with self.watch("residuals"):
             self.apply_inflow()
-            with self.world.order("residual", self.news):
+            with self.ranks.order("residual", self.changed_state):
                 values = self.apply()
         values[:] = values[self.unknowns.equations]
         return self._residual
 
     def apply(self) -> Vector:
         """Evaluate the residual of the weak form at the present state, each rank its share, and return it."""
-        self.world.together(lambda: self.form.Apply(self.state.vec, self._residual))
+        self.ranks.together(lambda: self.form.Apply(self.state.vec, self._residual))
         values = np.asarray(self._residual.FV().NumPy())
-        self.world.add(values)
+        self.ranks.add(values)
         return values
 
     def block_scales(self) -> dict[str, float]:

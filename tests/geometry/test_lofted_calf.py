@@ -17,12 +17,12 @@ from ngfsi_geometry.calf_section import subject
 from ngfsi_geometry.imaging import LABELS, LabelMap, phantom_stack
 from ngfsi_geometry.labelled import LabelledCalf
 from ngfsi_geometry.loft import coefficients, thickened
-from ngfsi_geometry.lofted_calf import PARTS, LoftedCalf
+from ngfsi_geometry.lofted_calf import ANATOMY, LoftedCalf
 from ngfsi_geometry.segment import MeshSettings
 
 from ngfsi import cli
 from ngfsi.case import Case
-from ngfsi.config.model import Section
+from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
@@ -136,7 +136,7 @@ def geometry_shift(geometry: LoftedCalf, centre: tuple[float, float]) -> np.ndar
 def label_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Label map of the tapered calf."""
     parts = circles(TAPERED)
-    slices = [{name: parts[name][k] for name in PARTS} for k in range(COUNT)]
+    slices = [{name: parts[name][k] for name in ANATOMY} for k in range(COUNT)]
     file = tmp_path_factory.mktemp("image") / "leg.nii.gz"
     sitk.WriteImage(phantom_stack(slices, parts["skin"][-1])[0], file)
     return file
@@ -148,7 +148,7 @@ def test_phantom_to_calf(label_file: Path) -> None:
     assert LabelledCalf.from_dict(geometry.to_toml_dict()) == geometry
     assert geometry.length == pytest.approx(LENGTH, rel=1e-9)
     parts, true = circles(TAPERED), TAPERED.exact_volumes()
-    sigma = {name: 3 * LENGTH * voxel_error(parts[name][2]) / np.sqrt(COUNT) for name in PARTS}
+    sigma = {name: 3 * LENGTH * voxel_error(parts[name][2]) / np.sqrt(COUNT) for name in ANATOMY}
     errors = {"fluid": sigma["lumen"], "tissue": sum(sigma.values())}
     domain = Domain.build(geometry, cache=False)
     for name, error in errors.items():
@@ -159,7 +159,7 @@ def test_phantom_to_calf(label_file: Path) -> None:
     assert geometry.vein_centre == pytest.approx(TAPERED.vein_centre, abs=0.1e-3)
 
 
-def case_of(geometry: Section) -> Case:
+def case_of(geometry: ConfigModel) -> Case:
     written = Case.from_toml(Path(__file__).parents[2] / "studies" / "calf.toml").to_toml_dict()
     written["geometry"] = {"type": f"{type(geometry).__module__}:{type(geometry).__qualname__}"}
     written["geometry"] |= geometry.to_toml_dict()

@@ -33,17 +33,16 @@ def test_worst_place(system: System) -> None:
     squeeze(system, 0.2)
     deformation = Deformation(system)
     for region in ("tissue", "wall", "fluid"):
-        smallest, place = deformation.worst(region)
+        smallest, place = deformation.min_jacobian(region)
         assert smallest == deformation.smallest_jacobian(region)
         z = (1 - smallest) / 0.4 * TUBE.length
         assert 0.85 * TUBE.length < z < TUBE.length
         assert height(f"near {place}") == pytest.approx(z - 0.2 * z**2 / TUBE.length, rel=5e-3)
     assert deformation.inversion() == ""
     assert deformation.approaching() == []
-    assert deformation.narrowest(begun=True).endswith("no element is close to inversion, the vein may have lost its "
-                                                      "stability")  # fmt: skip
-    assert deformation.narrowest(begun=False).endswith("no step was taken, the loads of the first one may be too large "
-                                                       "or jump")  # fmt: skip
+    later, first = (deformation.diagnose_failure(begun=begun) for begun in (True, False))
+    assert later.endswith("no element is close to inversion, the vein may have lost its stability")
+    assert first.endswith("no step was taken, the loads of the first one may be too large or jump")
 
 
 def test_inversion_is_announced_once_and_named(system: System) -> None:
@@ -54,7 +53,7 @@ def test_inversion_is_announced_once_and_named(system: System) -> None:
     assert re.match(r"elements of 'tissue' near \(.*\) mm are close to inversion, det F 0\.[01]", warnings[0])
     assert deformation.approaching() == []
     assert deformation.inversion() == ""
-    assert "stability" not in deformation.narrowest(begun=True)
+    assert "stability" not in deformation.diagnose_failure(begun=True)
     squeeze(system, 0.7)
     said = deformation.inversion()
     assert said.startswith("elements of 'tissue' invert near (")
@@ -74,6 +73,6 @@ def test_lost_stability_of_a_material_is_announced_once_and_named() -> None:
         lost = share > 1
         warnings = deformation.approaching()
         assert len(warnings) == (1 if lost else 0)
-        assert (" and the material of 'wall' near (" in deformation.narrowest(begun=True)) is lost
+        assert (" and the material of 'wall' near (" in deformation.diagnose_failure(begun=True)) is lost
     assert re.match(r"the material of 'wall' near \(.*\) mm has lost its stability .*: saint_venant_kir", warnings[0])
     assert deformation.approaching() == []

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ngfsi.materials import CompressibleNeoHookean, MooneyRivlin, Newtonian
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.system.forms import Part, residual_form, tangent_form
+from ngfsi.system.forms import Integral, residual_form, tangent_form
 from tests.slopes import slope
 
 Array = NDArray[np.float64]
@@ -179,7 +179,7 @@ def test_derivative_of_every_term(dilation: float) -> None:
     state.vec.FV().NumPy()[:] += 0.03 * rng.standard_normal(space.ndof)
     direction = rng.standard_normal(space.ndof)
     for name, (integrand, measure) in _terms(trial, test).items():
-        parts = [Part([integrand], measure)]
+        parts = [Integral([integrand], measure)]
         residual, tangent = residual_form(space, parts), tangent_form(space, parts)
         exact, measured = slope(residual, tangent, state.vec, direction, step=3e-4)
         assert np.linalg.norm(exact) > 0, name

@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ngfsi.materials import Newtonian
-from ngfsi.system.forms import Part, residual_form
+from ngfsi.system.forms import Integral, residual_form
 from ngfsi.system.system import System
 from tests.slopes import apply
 from tests.vein import BONED, block, case_of, deformed, domain_of, position, randomise, rows
@@ -75,7 +75,7 @@ def set_on_solids(system: System, field: Any, value: Any) -> None:
 def residual(system: System) -> Array:
     """Return the residual of the blood, without tissue and mesh motion."""
     (terms, measure), outlet = system.fluid_parts()
-    form = residual_form(system.unknowns.space, [Part(terms[:-1], measure), outlet])
+    form = residual_form(system.unknowns.space, [Integral(terms[:-1], measure), outlet])
     return apply(form, system.state.vec, system.values)
 
 

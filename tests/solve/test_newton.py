@@ -13,7 +13,7 @@ from ngsolve import BaseVector, Parameter
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
-from ngfsi.parallel.ranks import ALONE
+from ngfsi.parallel.ranks import SERIAL
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.solve import newton as module
 from ngfsi.solve.newton import Mixing, Newton
@@ -34,7 +34,7 @@ class Algebraic:
     """r(x) = A (y - s) + c (y^3 - s^3), y = x / scale, in the shape of a System; two unknowns in each block."""
 
     def __init__(self, cubic: float = 0.3, free: NDArray[np.bool_] | None = None, linearise: str = "when slow") -> None:
-        self.cubic, self.watch, self.world = cubic, Stopwatch(), ALONE
+        self.cubic, self.watch, self.ranks = cubic, Stopwatch(), SERIAL
         self.case = SimpleNamespace(solver=SimpleNamespace(linearise=linearise))
         mask = np.ones(SIZE, dtype=bool) if free is None else free
         self.unknowns = SimpleNamespace(
@@ -61,7 +61,7 @@ class Algebraic:
     def snapshot(self) -> dict[str, Vector]:
         return {"state": self.values.copy()}
 
-    def news(self) -> dict[str, Vector]:
+    def changed_state(self) -> dict[str, Vector]:
         raise AssertionError("there is nobody to tell")
 
     def apply_inflow(self) -> None:

@@ -1,0 +1,112 @@
+"""What a geometry must offer, and what a vessel is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from ngsolve import CoefficientFunction
+
+from ngfsi.mesh.curving import ShapeMap
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Vessel:
+    """One vessel: the names of its parts in the mesh, and the line through its middle.
+
+    Attributes:
+        name: begins the names of its columns; empty for the first vessel of a geometry.
+        lumen: region of the blood; None: a hole, on whose boundary `interface` the blood presses.
+        interface: boundary between blood and wall, which is a rigid one where there is no wall.
+        wall: region of the wall; None: there is none.
+        outer: boundary between wall and tissue; None: there is none.
+        inlets, outlets: boundaries of the blood through which it enters and leaves.
+        centreline: points [m] of the straight mesh, from the first inlet to the first outlet, two or more; None: it is
+            found from the mesh.
+        radius: of the lumen [m], as a scale.
+    """
+
+    name: str = ""
+    lumen: str | None = "fluid"
+    interface: str = "interface"
+    wall: str | None = "wall"
+    outer: str | None = "wall_outer"
+    inlets: tuple[str, ...] = ("inlet",)
+    outlets: tuple[str, ...] = ("outlet",)
+    centreline: tuple[Point, ...] | None = None
+    radius: float = 1.0
+
+    @property
+    def openings(self) -> tuple[str, ...]:
+        """All inlets and outlets."""
+        return *self.inlets, *self.outlets
+
+
+class Geometry(Protocol):
+    """What `Domain` needs to know of a geometry; lengths in metres."""
+
+    @property
+    def solids(self) -> tuple[str, ...]:
+        """Names of the regions of the solids."""
+
+    @property
+    def fluid(self) -> str | None:
+        """Name of the region of the fluid; None: there is none."""
+
+    @property
+    def curving_order(self) -> int:
+        """Polynomial order of the curved elements."""
+
+    @property
+    def boundary_names(self) -> tuple[str, ...]:
+        """Every boundary the mesh must have; on an edge between two the shape map follows the earlier one."""
+
+    @property
+    def internal_names(self) -> tuple[str, ...]:
+        """Boundaries inside one region that the mesh may have."""
+
+    def mesh_attempts(self) -> Sequence[str]:
+        """Return a description of each way to mesh, in the order to be tried."""
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:
+        """Return the straight Netgen mesh with names and geometry; may crash or hang."""
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Boundaries that are fixed in space, and to which the fluid sticks."""
+
+    @property
+    def size(self) -> float:
+        """Length [m] against which displacements are judged: of what the fluid flows through or around."""
+
+    def inflow(self) -> CoefficientFunction:
+        """Return the velocity of unit mean with which the fluid enters through the inlet of the reference shape."""
+
+    def shape_map(self) -> ShapeMap | None:
+        """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""
+
+    def exact_volumes(self) -> dict[str, float]:
+        """Return the volume [m3] of each region of the reference shape."""
+
+
+class Vein(Geometry, Protocol):
+    """A geometry whose fluid flows through a straight vein, of which cross-sections can be taken."""
+
+    @property
+    def fluid(self) -> str:
+        """Name of the region of the blood."""
+
+    @property
+    def length(self) -> float:
+        """Length of the vein [m], from z = 0 to z = length."""
+
+    @property
+    def lumen_radius(self) -> float:
+        """Radius of the lumen [m]."""
+
+    @property
+    def vein_centre(self) -> tuple[float, float]:
+        """Position (x, y) of the vein's axis [m]."""
