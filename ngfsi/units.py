@@ -63,6 +63,11 @@ UNITS: dict[str, Unit] = {
     "g_cm3": Unit("density", 1e3),
     "Pa_s": Unit("viscosity", 1.0),
     "mPa_s": Unit("viscosity", 1e-3),
+    "Pa_s_m3": Unit("resistance", 1.0),
+    "Pa_s_ml": Unit("resistance", 1e6),
+    "mmHg_s_ml": Unit("resistance", MMHG * 1e6),
+    "m3_Pa": Unit("compliance", 1.0),
+    "ml_mmHg": Unit("compliance", 1e-6 / MMHG),
     "rad": Unit("angle", 1.0),
     "deg": Unit("angle", math.pi / 180),
 }
@@ -82,6 +87,8 @@ FlowRate = Annotated[float, Dimension("flow_rate")]
 Pressure = Annotated[float, Dimension("pressure")]
 Density = Annotated[float, Dimension("density")]
 Viscosity = Annotated[float, Dimension("viscosity")]
+Resistance = Annotated[float, Dimension("resistance")]
+Compliance = Annotated[float, Dimension("compliance")]
 Angle = Annotated[float, Dimension("angle")]
 
 

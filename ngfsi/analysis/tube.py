@@ -115,7 +115,7 @@ def in_one_dimension(run: StoredRun) -> Comparison:
         law=TubeLaw(fits[0].law.name, area, stiffness),
         length=case.geometry.length,
         density=blood.density,
-        viscosity=blood.viscosity,
+        viscosity=blood.nominal_viscosity,
         inflow=loads.inlet_flow,
         outlet_pressure=loads.outlet_pressure,
         external_pressure=loads.skin_pressure,

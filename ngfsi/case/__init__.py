@@ -3,7 +3,6 @@
 from ngfsi.case.case import (
     Case,
     Conditions,
-    Cuff,
     Discretisation,
     Loads,
     Materials,
@@ -11,5 +10,6 @@ from ngfsi.case.case import (
     Solver,
     TimeStepping,
 )
+from ngfsi.conditions import Cuff
 
 __all__ = ["Case", "Conditions", "Cuff", "Discretisation", "Loads", "Materials", "Output", "Solver", "TimeStepping"]

@@ -9,7 +9,7 @@ import hashlib
 import json
 import re
 import tomllib
-from math import ceil, pi
+from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -18,13 +18,37 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 from pydantic_core import PydanticCustomError
 
 from ngfsi.case.geometries import find_builder, path_of
+from ngfsi.conditions import (
+    ConditionModel,
+    Cuff,
+    FlowOpening,
+    FreeOpening,
+    OpeningModel,
+    PressureOpening,
+    ResistanceOpening,
+)
 from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.config.messages import key_error
-from ngfsi.config.model import ConfigModel
+from ngfsi.config.model import ConfigModel, choose_tagged
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
+from ngfsi.mesh.geometry import vessels_of
 from ngfsi.outlines.displacement import OutlineDisplacement
-from ngfsi.units import MMHG, Angle, Length, Pressure, Time
+from ngfsi.units import MMHG, Pressure, Time
+
+
+def _openings(value: Any, info: ValidationInfo) -> Any:
+    """Return the conditions that tables by the names of openings describe."""
+    if not isinstance(value, dict):
+        return value
+    return {name: choose_tagged(one, info, "kind", OPENINGS, OpeningModel) for name, one in value.items()}
+
+
+def _conditions(value: Any, info: ValidationInfo) -> Any:
+    """Return the conditions that a list of tables describes."""
+    if not isinstance(value, (list, tuple)):
+        return value
+    return tuple(choose_tagged(one, info, "kind", (), ConditionModel) for one in value)
 
 
 def _build_geometry(value: Any, info: ValidationInfo) -> Any:
@@ -43,6 +67,12 @@ def _build_geometry(value: Any, info: ValidationInfo) -> Any:
     return builder.model_validate({key: v for key, v in value.items() if key != "type"}, context=info.context)
 
 
+def kind_of(region: str) -> str:
+    """Return the name of a region without the number of its vessel: wall of wall_2."""
+    return re.sub(r"_\d+$", "", region)
+
+
+OPENINGS = (FlowOpening, PressureOpening, FreeOpening, ResistanceOpening)
 PARTS_OF_TISSUE = ("fat", "anterior", "lateral", "superficial_posterior", "deep_posterior")
 """Regions that are of the material of the tissue unless they have their own."""
 
@@ -67,7 +97,7 @@ class Materials(ConfigModel):
         Raises:
             CaseError: the case has no such solid.
         """
-        law = getattr(self, region, None)
+        law = getattr(self, kind_of(region), None)
         if law is None and region in PARTS_OF_TISSUE:
             law = self.tissue
         if not isinstance(law, SolidLaw):
@@ -75,35 +105,10 @@ class Materials(ConfigModel):
         return law
 
 
-class Cuff(ConfigModel):
-    """A pressure on a part of the skin, over time: of a stocking's zone, or of one chamber of a pneumatic sleeve.
-
-    It is whole inside the part, and falls smoothly to zero over `edge`, half of it outside.
-    """
-
-    pressure: PressureCurve
-    start: Length
-    """Height z where it begins, and `end`: where it ends, on the reference shape."""
-    end: Length
-    direction: Angle = 0.0
-    """Of its middle, around the axis of the segment from x (lateral) to y (anterior)."""
-    half_width: Angle | None = Field(default=None, gt=0, lt=pi)
-    """Angle from the middle to either side; None: all around."""
-    edge: Length = Field(default=5e-3, gt=0)
-
-    @model_validator(mode="after")
-    def _has_a_height(self) -> Self:
-        if self.end - self.start < self.edge:
-            raise ValueError(
-                f"a cuff from z = {self.start:g} m to {self.end:g} m is lower than its edge, {self.edge:g} m"
-            )
-        return self
-
-
 class Loads(ConfigModel):
     """What acts from outside, over time."""
 
-    skin_pressure: PressureCurve
+    skin_pressure: PressureCurve = PressureConstant(value=0.0)
     """Everywhere on the skin."""
     cuffs: tuple[Cuff, ...] = ()
     """Pressures on parts of the skin, added to `skin_pressure`; together any function of height, angle and time."""
@@ -113,13 +118,36 @@ class Loads(ConfigModel):
     """Pressure at the inlet, from which the flow follows; then `inlet_flow` is without effect."""
     outlet_pressure: PressureCurve = PressureConstant(value=10 * MMHG)
     """Blood pressure at the outlet; in the veins of a plane section, which have no flow, all of it."""
+    openings: Annotated[dict[str, OpeningModel], BeforeValidator(_openings)] = Field(default_factory=dict)
+    """Name of an opening -> its condition, in place of the short forms above, which are those of `inlet` and `outlet`.
+    """
+    further: Annotated[tuple[ConditionModel, ...], BeforeValidator(_conditions)] = ()
+    """Whatever else acts: conditions by the `kind` under which they are registered."""
+
+    def opening(self, name: str) -> OpeningModel | None:
+        """Return the condition at an opening; None: it has none."""
+        if name in self.openings:
+            return self.openings[name]
+        if name == "inlet":
+            if self.inlet_pressure is not None:
+                return PressureOpening(pressure=self.inlet_pressure)
+            return FlowOpening(flow=self.inlet_flow)
+        return PressureOpening(pressure=self.outlet_pressure) if name == "outlet" else None
 
     @property
     def breakpoints(self) -> frozenset[float]:
         """Times (s) where the slope of a load jumps."""
         cuffs = (cuff.pressure for cuff in self.cuffs)
-        acting = (self.skin_pressure, *cuffs, self.inlet_pressure or self.inlet_flow, self.outlet_pressure)
-        return frozenset(t for curve in acting for t in curve.breakpoints)
+        ends = (self.opening(name) for name in {"inlet", "outlet", *self.openings})
+        return frozenset(t for part in (self.skin_pressure, *cuffs, *ends, *self.further) for t in _kinks(part))
+
+
+def _kinks(part: Any) -> tuple[float, ...]:
+    """Return the times (s) where the slope of a curve, or of a curve in a condition, jumps."""
+    if hasattr(part, "breakpoints"):
+        return tuple(part.breakpoints)
+    curves = (getattr(part, name) for name in type(part).model_fields)
+    return tuple(t for curve in curves if hasattr(curve, "breakpoints") for t in curve.breakpoints)
 
 
 class Conditions(ConfigModel):
@@ -166,7 +194,8 @@ MOST_STEPS = 1_000_000
 class TimeStepping(ConfigModel):
     """Time scheme and steps."""
 
-    scheme: Literal["bdf2", "backward_euler"] = "bdf2"
+    scheme: Literal["bdf2", "backward_euler", "static"] = "bdf2"
+    """static: at each time equilibrium without inertia and flow, of solids alone."""
     step: Time = Field(gt=0)
     end: Time = Field(gt=0)
     smallest_step: Time = Field(default_factory=lambda given: given["step"] / 64, gt=0)
@@ -242,7 +271,8 @@ class Case(ConfigModel):
 
     @model_validator(mode="after")
     def _each_region_has_a_material(self) -> Self:
-        regions = {*self.geometry.solids, *([self.geometry.fluid] if self.geometry.fluid else [])}
+        lumens = [vessel.lumen for vessel in vessels_of(self.geometry) if vessel.lumen]
+        regions = {kind_of(name) for name in (*self.geometry.solids, *lumens)}
         for name in Materials.model_fields:
             given = getattr(self.materials, name) is not None
             if name in regions and not given and name not in PARTS_OF_TISSUE:
@@ -259,7 +289,7 @@ class Case(ConfigModel):
         if wrong := sorted({*self.conditions.plane_stress} - {*self.geometry.solids}):
             raise key_error("conditions.plane_stress", f"names {', '.join(wrong)}: {_solids_of(self.geometry)}")
         plane = self.conditions.plane_stress or self.conditions.strain == "small" or self.conditions.skin_displacement
-        if plane and (self.geometry.fluid or self.conditions.initial_state == "prestress"):
+        if plane and (any(v.lumen for v in vessels_of(self.geometry)) or self.conditions.initial_state == "prestress"):
             raise key_error(
                 "conditions", "has plane_stress, small strain or a skin_displacement: these are for plane solids "
                 "without fluid, from their unloaded shape (initial_state = \"preload\")"
@@ -268,9 +298,8 @@ class Case(ConfigModel):
 
     @model_validator(mode="after")
     def _coupling_fits(self) -> Self:
-        if self.conditions.coupling == "one_way" and not (
-            self.geometry.solids and hasattr(self.geometry, "vein_centre")
-        ):
+        walls = self.geometry.solids and any(v.lumen and v.centreline for v in vessels_of(self.geometry))
+        if self.conditions.coupling == "one_way" and not walls:
             raise key_error(
                 "conditions.coupling", f'is "one_way", which is for veins in tissue: {type(self.geometry).__name__} '
                 "is none"

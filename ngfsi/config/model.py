@@ -11,7 +11,7 @@ by the section's `refusal`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
@@ -180,9 +180,12 @@ def tagged(tag: str, *classes: type[ConfigModel]) -> BeforeValidator:
     return BeforeValidator(choose)
 
 
-def choose_tagged(value: Any, info: ValidationInfo, tag: str, classes: tuple[type[ConfigModel], ...]) -> Any:
-    """Return the section of the class that the table's tag names; instances of the classes pass unchanged."""
-    if isinstance(value, classes):
+def choose_tagged(
+    value: Any, info: ValidationInfo, tag: str, classes: Sequence[type[ConfigModel]],
+    base: type[ConfigModel] | None = None,
+) -> Any:  # fmt: skip
+    """Return the model of the class that the table's tag names; instances of the classes, or of `base`, pass."""
+    if isinstance(value, base or tuple(classes)):
         return value
     by_tag = {cls.model_fields[tag].default: cls for cls in classes}
     accepted = ", ".join(f"'{name}'" for name in by_tag)
@@ -220,6 +223,8 @@ def _converted(value: Any, unit: str | None) -> Any:
 def _plain(value: Any) -> Any:
     if isinstance(value, ConfigModel):
         return value.to_toml_dict()
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 

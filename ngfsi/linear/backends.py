@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import ngsolve as ng
 import numpy as np
@@ -17,12 +17,10 @@ from ngsolve.solvers.mkl_pardiso import MKLPardiso
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
+from ngfsi.linear.levels import Levels
 from ngfsi.linear.mumps import Mumps
 from ngfsi.linear.petsc import without_petsc
 from ngfsi.parallel.ranks import SERIAL, all_ranks
-
-if TYPE_CHECKING:
-    from ngfsi.linear.multigrid import Levels
 
 Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid", "fieldsplit"]
 

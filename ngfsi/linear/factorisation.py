@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import ngsolve as ng
 import numpy as np
@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
 from ngfsi.linear.backends import BACKENDS, Iterative, Name
+from ngfsi.linear.levels import Levels
 from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.system.sparse import pattern, ranges
-
-if TYPE_CHECKING:
-    from ngfsi.linear.multigrid import Levels
 
 Mask = NDArray[np.bool_]
 Vector = NDArray[np.float64]

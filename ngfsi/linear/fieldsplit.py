@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
 from ngfsi.linear import multigrid
-from ngfsi.linear.multigrid import Levels
+from ngfsi.linear.levels import Levels
 from ngfsi.linear.mumps import by_mumps, check
 from ngfsi.linear.petsc import Summed
 from ngfsi.parallel.ranks import Ranks

@@ -2,11 +2,12 @@
 
 from ngfsi.materials.fluid.newtonian import Newtonian
 from ngfsi.materials.from_case import FluidMaterial, SolidMaterial
-from ngfsi.materials.law import Law, SolidLaw
+from ngfsi.materials.law import Law
 from ngfsi.materials.parameter_sets import ParameterSet, available_sets, load_set, read_set
 from ngfsi.materials.registry import FLUID_LAWS, SOLID_LAWS
 from ngfsi.materials.solid.compressible_neo_hookean import CompressibleNeoHookean
 from ngfsi.materials.solid.hencky import Hencky
+from ngfsi.materials.solid.law import SolidLaw
 from ngfsi.materials.solid.mooney_rivlin import MooneyRivlin
 from ngfsi.materials.solid.neo_hookean import NeoHookean
 from ngfsi.materials.solid.saint_venant_kirchhoff import SaintVenantKirchhoff

@@ -15,10 +15,11 @@ from pydantic_core import PydanticCustomError
 from ngfsi.config.messages import key_error
 from ngfsi.config.model import choose_tagged, keys_of
 from ngfsi.errors import unknown
-from ngfsi.materials.fluid.newtonian import Newtonian
-from ngfsi.materials.law import Law, SolidLaw
+from ngfsi.materials.fluid.law import FluidLaw
+from ngfsi.materials.law import Law
 from ngfsi.materials.parameter_sets import available_sets, label_of, read_set
 from ngfsi.materials.registry import FLUID_LAWS, SOLID_LAWS
+from ngfsi.materials.solid.law import SolidLaw
 
 
 def _solid(value: Any, info: ValidationInfo) -> Any:
@@ -32,7 +33,7 @@ def _fluid(value: Any, info: ValidationInfo) -> Any:
 SolidMaterial = Annotated[SolidLaw, BeforeValidator(_solid)]
 """A solid in a case: a law, or a table with `set` or `law`."""
 
-FluidMaterial = Annotated[Newtonian, BeforeValidator(_fluid)]
+FluidMaterial = Annotated[FluidLaw, BeforeValidator(_fluid)]
 """A fluid in a case: a law, or a table with `set` or `law`."""
 
 

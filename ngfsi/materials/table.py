@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ngfsi.materials.fluid.newtonian import Newtonian
-from ngfsi.materials.law import SolidLaw
+from ngfsi.materials.fluid.law import FluidLaw
 from ngfsi.materials.parameter_sets import ParameterSet, available_sets, read_set
+from ngfsi.materials.solid.law import SolidLaw
 
 MISMATCH = 0.01
 """Relative difference from which a stated modulus counts as another one."""
@@ -55,13 +55,13 @@ def _row(entry: ParameterSet) -> Row:
         bulk_modulus=solid.bulk_modulus if solid else None,
         youngs_modulus=solid.youngs_modulus if solid else None,
         poissons_ratio=solid.poissons_ratio if solid else None,
-        viscosity=material.viscosity if isinstance(material, Newtonian) else None,
+        viscosity=material.nominal_viscosity if isinstance(material, FluidLaw) else None,
         flags=_flags(entry, solid) if solid else (),
     )
 
 
 def _flags(entry: ParameterSet, law: SolidLaw) -> tuple[str, ...]:
-    flags = ["negative Poisson ratio"] if law.poissons_ratio < 0 else []
+    flags = ["negative Poisson ratio"] if (law.poissons_ratio or 0.0) < 0 else []
     for name in type(entry.stated).model_fields:
         stated, actual = getattr(entry.stated, name), getattr(law, name)
         if stated is not None and abs(stated - actual) > MISMATCH * actual:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.measure.ellipticity import Ellipticity, extreme
-from ngfsi.physics.kinematics import Kinematics, in_space
-from ngfsi.system.forms import rules
+from ngfsi.physics.integrals import rules
+from ngfsi.physics.kinematics import Kinematics, in_3d
 from ngfsi.system.system import System
 from ngfsi.units import from_si
 
@@ -31,7 +31,7 @@ class Deformation:
         k = Kinematics(ng.Grad(motion))
         self._size, self._J = ng.Norm(motion).Compile(), k.J.Compile()
         relaxation = system.stress_free_gradient()
-        self._strain = in_space(k.F if relaxation is None else k.F * relaxation, 1.0)
+        self._strain = in_3d(k.F if relaxation is None else k.F * relaxation, 1.0)
         self._laws = {name: system.case.materials.law_of(name) for name in self._solids}
         self._resistance = {name: Ellipticity(law) for name, law in self._laws.items()}
         points = rules(2 * system.unknowns.order)

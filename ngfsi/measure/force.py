@@ -24,7 +24,7 @@ class Force:
 
     def __init__(self, system: System, *boundaries: str) -> None:
         self._system = system
-        self._form = system.fluid_form()
+        self._form = system.blood_form()
         self._residual = system.state.vec.CreateVector()
         region, dim = system.domain.boundaries(*boundaries), system.domain.mesh.dim
         test = ng.GridFunction(system.unknowns.space)
@@ -53,7 +53,7 @@ class Force:
     def _traction(self) -> ng.CoefficientFunction:
         """Return the traction on a fixed boundary of the fluid (Pa), outward normal, per reference area."""
         system = self._system
-        fields = system.fields(system.state.components)
+        fields = system.fields()
         k = Kinematics(ng.BoundaryFromVolumeCF(fields.grad_motion))
         stress = terms.viscous_stress(system.blood, k, ng.BoundaryFromVolumeCF(fields.grad_velocity))
         area = k.cof * ng.specialcf.normal(system.domain.mesh.dim)

@@ -37,7 +37,7 @@ class Probe:
         self._sides = {name: Side(system, name) for name in system.solids}
         self.load = WallLoad(system, self.sections.heights, self._sides["tissue"])
         self.shear = self.consistent_shear = ShearStatistics(0.0, 0.0, 0.0, 0.0)
-        self._fields = system.fields(system.state.components)
+        self._fields = system.fields()
         self._motion = Kinematics(self._fields.grad_motion)
         self._integrals = self._define()
         self._known: dict[str, float] = {}
@@ -52,6 +52,11 @@ class Probe:
         self.shear = self.wall.statistics(self.system.case.output.low_shear)
         self.consistent_shear = self.wall.statistics(method="consistent")
         self._known.clear()
+
+    def given(self, condition: str) -> float:
+        """Return the present value of a condition (SI)."""
+        found: Any = self.system.conditions[condition]
+        return float(found.value.Get())
 
     def integral(self, name: str) -> float:
         """Return a named integral of the present state (see `_define`), SI; computed once per state."""

@@ -40,13 +40,13 @@ def _reynolds(probe: Probe) -> float:
     areas = probe.sections.areas
     flows = np.abs(probe.sections.local_flows(_inflow(probe)))
     diameters = np.sqrt(4 * areas / np.pi)
-    return float(np.max(blood.density * flows / areas * diameters / blood.viscosity))
+    return float(np.max(blood.density * flows / areas * diameters / blood.nominal_viscosity))
 
 
 def _developed(probe: Probe, flows: NDArray[np.float64], shape: Shape | None = None) -> float:
     """Return the SAWSS (Pa) of developed flow: 4 mu Q / (pi R^3), and for ellipses tau perimeter = G area with the
     pressure gradient G = 4 mu Q (a^2 + b^2) / (pi a^3 b^3)."""
-    sections, viscosity = probe.sections, probe.system.blood.viscosity
+    sections, viscosity = probe.sections, probe.system.blood.nominal_viscosity
     if shape is None:
         return sections.mean_over_wall(4 * viscosity * np.abs(flows) / (np.pi * (sections.areas / np.pi) ** 1.5))
     a, b = shape.major, shape.minor
@@ -78,8 +78,8 @@ def _jacobian(region: str) -> Quantity:
 
 
 QUANTITIES: tuple[Quantity, ...] = (
-    Quantity("skin_pressure", "Pa", "pressure on the skin", lambda p: p.system.skin_pressure.Get()),
-    Quantity("outlet_pressure", "Pa", "blood pressure at the outlet", lambda p: p.system.outlet_pressure.Get()),
+    Quantity("skin_pressure", "Pa", "pressure on the skin", lambda p: p.given("on the skin")),
+    Quantity("outlet_pressure", "Pa", "blood pressure at the outlet", lambda p: p.given("outlet")),
     Quantity("lumen_volume", "m3", "volume of the lumen", lambda p: p.integral("lumen volume")),
     Quantity(
         "lumen_area_mean",

@@ -40,7 +40,7 @@ class Sections:
         self.system = system
         self.vein: Vein = system.case.geometry
         self.heights = np.linspace(0.0, self.vein.length, STATIONS) if heights is None else heights
-        fields = system.fields(system.state.components)
+        fields = system.fields()
         self._values = ng.CF((ng.CF((ng.x, ng.y, ng.z)) + fields.motion, fields.velocity))
         corners = _corners(system)
         self.arcs = Arcs(len(corners), system.unknowns.order + 2)

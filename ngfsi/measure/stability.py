@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
+from ngfsi.conditions import PressureOn
 from ngfsi.errors import SolverError
 from ngfsi.linear.backends import BACKENDS, choose_backend
 from ngfsi.system.forms import tangent_form
@@ -93,10 +94,10 @@ class Stability:
         chosen = choose_backend(system.case.solver.linear)
         self._backend = BACKENDS["pardiso" if chosen == "pardiso_single" else chosen]
         trial, test = space.TnT()
-        self._form = tangent_form(space, system.static_parts(trial, test))
+        self._form = tangent_form(space, system.static_integrals(trial, test))
         self._inertia = {
             name: tangent_form(space, [part])
-            for name, part in zip(system.solids, system.inertia_parts(trial, test), strict=True)
+            for name, part in zip(system.solids, system.inertia_integrals(trial, test), strict=True)
         }
         self._masses: dict[str, Any] = {}
         self.eigenvalues = np.zeros(0)
@@ -158,8 +159,8 @@ class Stability:
         return start - (pressure - self._before.pressure) / float(values[0]), vectors[:, 0]
 
     def _pressure(self) -> float:
-        cuffs = [cuff.Get() for cuff in self._system.cuff_pressures]
-        return float(self._system.skin_pressure.Get() + max(cuffs, default=0.0))
+        acting = [c.value.Get() for c in self._system.conditions.values() if isinstance(c, PressureOn) and c.on_skin]
+        return float(acting[0] + max(acting[1:], default=0.0))
 
     def _tangent(self) -> Array:
         """Return the entries of the present tangent's symmetric part, which the form's matrix then has."""

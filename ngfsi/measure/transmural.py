@@ -60,7 +60,7 @@ class WallLoad:
         """Take the system's present state."""
         x, y = self._axis
         at = self._system.domain.mesh(x, y, self._heights)
-        self.blood = np.asarray(self._system.state.components[2](at)).ravel()
+        self.blood = np.asarray(self._system.blood_pressure()(at)).ravel()
         sums = []
         for form in (self._force, self._area):
             form.Assemble()

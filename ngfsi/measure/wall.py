@@ -150,7 +150,7 @@ class Wall:
         per_element = len(corners)
         first = np.arange(0, len(points), per_element)
         quads = (first[:, None, None] + _cells(refinement)[None]).reshape(-1, 4)
-        pressure = self.system.state.components[2]
+        pressure = self.system.blood_pressure()
         shear, normal = np.asarray(self.shear(at)), np.asarray(self._normal(at))
         along = np.asarray(self._along(at))
         along -= np.sum(along * normal, axis=1)[:, None] * normal
@@ -211,9 +211,8 @@ class Projection:
 class Traction:
     """Viscous traction sigma n of the blood (Pa), n out of the blood, from its momentum balance.
 
-    The blood's residual in the equations of the wall is the work of its whole traction there. Its pressure, thousands
-    of times the shear stress, must not be projected with it onto a wall whose normal jumps between elements: a constant
-    is left out from the beginning, the rest is taken out with the pressure's own trace.
+    The blood's residual in the equations of the wall is the work of its whole traction there. Its pressure must not be
+    projected with it onto a wall whose normal jumps between elements: it is taken out with its own trace.
 
     Attributes:
         field: on the interface.
@@ -221,32 +220,21 @@ class Traction:
 
     def __init__(self, system: System, k: Kinematics, stress: Any, projection: Projection) -> None:
         self._system, self._projection = system, projection
-        self._form = system.fluid_form(at="interface")
-        self._state, self._residual = system.state.vec.CreateVector(), system.state.vec.CreateVector()
+        self._form = system.blood_form(system.domain.vessels[0])
+        self._residual = system.state.vec.CreateVector()
         self.field = ng.GridFunction(projection.space)
-        self._base, self._one = ng.Parameter(0.0), ng.GridFunction(system.unknowns.space)
-        self._one.components[2].Set(1.0, definedon=system.domain.materials(system.domain.fluid))
         test, domain = projection.space.TestFunction().Trace(), system.domain
         area = k.cof * domain.outward_normal()
-        pressure = (system.state.components[2] - self._base) * area
+        pressure = system.fields().pressure * area
         more = {"bonus_intorder": system.unknowns.order}
         self._known = ng.LinearForm(projection.space)
         self._known += (pressure * test).Compile() * domain.ds("interface", **more)
-        if "inlet" not in system.openings:  # what holds the prescribed velocity, on functions of the rim
-            self._known += ((pressure - stress * area) * test).Compile() * domain.ds("inlet", **more)
+        for name in system.unknowns.on_opening:  # what holds the prescribed velocity, on functions of the rim
+            self._known += ((pressure - stress * area) * test).Compile() * domain.ds(name, **more)
 
     def refresh(self) -> None:
         """Take the system's present state."""
-        system = self._system
-        base = system.outlet_pressure.Get()
-        given = {name: pressure.Get() for name, pressure in system.openings.items()}
-        self._base.Set(base)
-        self._state.data = system.state.vec - base * self._one.vec
-        for name, pressure in system.openings.items():
-            pressure.Set(given[name] - base)
-        self._form.Apply(self._state, self._residual)
-        for name, pressure in system.openings.items():
-            pressure.Set(given[name])
+        self._form.Apply(self._system.state.vec, self._residual)
         self._known.Assemble()
         known = self._known.vec.FV().NumPy()
         self._projection.solve(known + self._residual.FV().NumPy()[: len(known)], self.field)

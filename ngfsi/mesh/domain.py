@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import MeshError, RegionError, unknown
 from ngfsi.mesh.generate import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
-from ngfsi.mesh.geometry import Geometry
+from ngfsi.mesh.geometry import Geometry, Vessel, vessels_of
 
 LARGEST_VOLUME_ERROR = 0.01
 """Relative; a mesh that lost its curvature has several times as much."""
@@ -27,6 +27,8 @@ LARGEST_VOLUME_ERROR = 0.01
 CHORD_ITERATIONS = 30
 Array = NDArray[np.float64]
 NAME = re.compile(r"[a-z][a-z0-9_]*")
+END_FACE = re.compile(r"(tissue|wall)_(top|bottom)(_\d+)?")
+"""Names of end faces of solids."""
 
 
 class Domain:
@@ -67,19 +69,38 @@ class Domain:
     @property
     def regions(self) -> tuple[str, ...]:
         """Names of all regions, the solids first."""
-        fluid = self.geometry.fluid
-        return self.geometry.solids if fluid is None else (*self.geometry.solids, fluid)
+        return *self.geometry.solids, *self.lumens
+
+    @property
+    def vessels(self) -> tuple[Vessel, ...]:
+        """The vessels of the geometry."""
+        return vessels_of(self.geometry)
+
+    @property
+    def lumens(self) -> tuple[str, ...]:
+        """Names of the regions of the blood."""
+        return tuple(vessel.lumen for vessel in self.vessels if vessel.lumen)
 
     @property
     def fluid(self) -> str:
-        """Name of the region of the fluid.
+        """Name of the region of the blood in the first vessel.
 
         Raises:
             RegionError: there is none.
         """
-        if self.geometry.fluid is None:
+        if not self.lumens:
             raise RegionError(f"{type(self.geometry).__name__} has no fluid")
-        return self.geometry.fluid
+        return self.lumens[0]
+
+    @property
+    def ends(self) -> tuple[str, ...]:
+        """Names of the end faces: openings, and the faces of solids beside them."""
+        openings = {name for vessel in self.vessels for name in vessel.openings}
+        return tuple(n for n in self.geometry.boundary_names if n in openings or END_FACE.fullmatch(n))
+
+    def is_interface(self, name: str) -> bool:
+        """Whether a boundary of the blood moves with a solid."""
+        return self.has_boundary(name) and bool(self.geometry.solids) and name not in self.geometry.rigid_names
 
     def has_boundary(self, name: str) -> bool:
         """Whether the geometry has such a boundary."""
@@ -101,14 +122,30 @@ class Domain:
         """Return the surface measure of boundaries; options as of `ngsolve.ds`."""
         return ngsolve.ds(definedon=self.boundaries(*names), **options)
 
-    def outward_normal(self) -> Any:
-        """Return the normal of the reference shape that points out of the fluid, on its boundaries.
+    def outward_normal(self, region: str | None = None) -> Any:
+        """Return the normal of the reference shape that points out of a region, by default the first blood, on its
+        boundaries.
 
         NGSolve's own points from one side of a face to the other in an order of the mesh's.
         """
-        fluid = self.mesh.GetMaterials().index(self.fluid) + 1
+        number = self.mesh.GetMaterials().index(region or self.fluid) + 1
         faces = [self.mesh.ngmesh.FaceDescriptor(i + 1) for i in range(len(self.mesh.GetBoundaries()))]
-        return CoefficientFunction([1.0 if face.domin == fluid else -1.0 for face in faces]) * specialcf.normal(3)
+        return CoefficientFunction([1.0 if face.domin == number else -1.0 for face in faces]) * specialcf.normal(3)
+
+    def mean_normal(self, name: str) -> Array:
+        """Return the unit vector (dim,) along the mean normal of a boundary, of either sign."""
+        total = self._integral(specialcf.normal(self.mesh.dim), name)
+        return np.asarray(total / np.linalg.norm(total))
+
+    def centroid(self, *names: str) -> Array:
+        """Return the centroid (dim,) [m] of boundaries."""
+        place = CoefficientFunction((ngsolve.x, ngsolve.y, ngsolve.z)[: self.mesh.dim])
+        return self._integral(place, *names) / self.area(*names)
+
+    def _integral(self, field: CoefficientFunction, *names: str) -> Array:
+        """Return the integrals of a vector field's components over boundaries."""
+        over = self.ds(*names, bonus_intorder=8)
+        return np.array([ngsolve.Integrate(field[i] * over, self.mesh) for i in range(self.mesh.dim)])
 
     def volume(self, *names: str) -> float:
         """Return the volume [m3] of regions."""

@@ -110,3 +110,26 @@ class Vein(Geometry, Protocol):
     @property
     def vein_centre(self) -> tuple[float, float]:
         """Position (x, y) of the vein's axis [m]."""
+
+
+def vessels_of(geometry: Any) -> tuple[Vessel, ...]:
+    """TEMPORARY until every geometry offers vessels."""
+    if hasattr(geometry, "vessels"):
+        return geometry.vessels
+    if hasattr(geometry, "lumen_names"):
+        return tuple(
+            Vessel("" if k == 0 else f"vein_{k + 1}", None, n, None, None, (), ())
+            for k, n in enumerate(geometry.lumen_names)
+        )
+    if geometry.fluid is None:
+        return ()
+    if hasattr(geometry, "vein_centre"):
+        x, y = geometry.vein_centre
+        wall = "wall" if "wall" in geometry.solids else None
+        outer = "wall_outer" if "wall_outer" in geometry.boundary_names else None
+        return (
+            Vessel(
+                wall=wall, outer=outer, centreline=((x, y, 0.0), (x, y, geometry.length)), radius=geometry.lumen_radius
+            ),
+        )
+    return (Vessel(wall=None, outer=None, radius=geometry.size),)

@@ -47,7 +47,7 @@ class Kinematics:
         return Cof(self.F)
 
 
-def in_space(gradient: Any, stretch: Any) -> Any:
+def in_3d(gradient: Any, stretch: Any) -> Any:
     """Return a tensor of the plane as one of space, with a stretch across the plane; those of space as they are.
 
     Plane strain is a deformation gradient with the stretch 1, and variations of it with 0; plane stress has a stretch

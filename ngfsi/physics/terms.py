@@ -10,43 +10,20 @@ Computational Mechanics (2004), non-conservative form on the reference shape.
 from __future__ import annotations
 
 from math import cos, sin
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 from ngsolve import CoefficientFunction, Det, IfPos, InnerProduct, acos, sqrt, x, y, z
 
-from ngfsi.physics.kinematics import Kinematics, in_space
+from ngfsi.materials.fluid.law import FluidLaw
+from ngfsi.materials.solid.law import SolidModel
+from ngfsi.physics.kinematics import Kinematics, in_3d
 
 CF: TypeAlias = Any
 """A CoefficientFunction, a number or a proxy of a trial or test function: NGSolve has no type for their union."""
 
 
-class StoredEnergy(Protocol):
-    """What a solid law must offer here."""
-
-    def energy(self, F: CF) -> CF:
-        """Energy per stress-free volume (J/m3) at F."""
-
-    def variations(self, F: CF, H: CF) -> tuple[CF, CF]:
-        """Two parts of P : H, the second of which grows with the bulk modulus."""
-
-    def variation(self, F: CF, H: CF) -> CF:
-        """P : H, the derivative of the stored energy per stress-free volume (J/m3) at F in the direction H."""
-
-
-class Viscous(Protocol):
-    """What a Newtonian fluid must offer here."""
-
-    @property
-    def density(self) -> float:
-        """Density (kg/m3)."""
-
-    @property
-    def viscosity(self) -> float:
-        """Dynamic viscosity (Pa s)."""
-
-
 def internal_work(
-    law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None, across: tuple[CF, CF] = (1, 0)
+    law: SolidModel, F: CF, grad_v: CF, relaxation: CF | None = None, across: tuple[CF, CF] = (1, 0)
 ) -> CF:
     """P : grad v with P = dW/dF; in the plane, of plane strain unless the stretch across it varies.
 
@@ -62,7 +39,7 @@ def internal_work(
 
 
 def internal_works(
-    law: StoredEnergy, F: CF, grad_v: CF, relaxation: CF | None = None, across: tuple[CF, CF] = (1, 0)
+    law: SolidModel, F: CF, grad_v: CF, relaxation: CF | None = None, across: tuple[CF, CF] = (1, 0)
 ) -> tuple[CF, CF]:
     """Two parts of `internal_work`, the second of which grows with the bulk modulus."""
     F, grad_v, volume = _from_free_of_stress(F, grad_v, relaxation, across)
@@ -73,26 +50,26 @@ def internal_works(
 def _from_free_of_stress(F: CF, grad_v: CF, relaxation: CF | None, across: tuple[CF, CF]) -> tuple[CF, CF, CF | float]:
     """Return gradients in space with respect to the shape that is free of stress, and the volume that 1 has become."""
     if relaxation is None:
-        return in_space(F, across[0]), in_space(grad_v, across[1]), 1.0
-    return in_space(F * relaxation, across[0]), in_space(grad_v * relaxation, across[1]), Det(relaxation)
+        return in_3d(F, across[0]), in_3d(grad_v, across[1]), 1.0
+    return in_3d(F * relaxation, across[0]), in_3d(grad_v * relaxation, across[1]), Det(relaxation)
 
 
-def stored_energy(law: StoredEnergy, F: CF, relaxation: CF | None = None) -> CF:
+def stored_energy(law: SolidModel, F: CF, relaxation: CF | None = None) -> CF:
     """W per reference volume (J/m3), whose derivative `internal_work` is."""
     if relaxation is None:
-        return law.energy(in_space(F, 1))
-    return law.energy(in_space(F * relaxation, 1)) / Det(relaxation)
+        return law.energy(in_3d(F, 1))
+    return law.energy(in_3d(F * relaxation, 1)) / Det(relaxation)
 
 
-def hydrostatic_pressure(law: StoredEnergy, F: CF, across: CF = 1) -> CF:
+def hydrostatic_pressure(law: SolidModel, F: CF, across: CF = 1) -> CF:
     """p = -tr(sigma)/3 (Pa, compression positive); tr(sigma) = P : F / J; `across`: stretch across a plane."""
-    F = in_space(F, across)
+    F = in_3d(F, across)
     return -law.variation(F, F) / (3 * Det(F))
 
 
-def cauchy_stress(law: StoredEnergy, F: CF) -> CF:
+def cauchy_stress(law: SolidModel, F: CF) -> CF:
     """sigma = P F^T / J (Pa, 3x3): sigma : E = P : (E F) / J for each unit tensor E, the symmetric ones once."""
-    F = in_space(F, 1)
+    F = in_3d(F, 1)
     entries: dict[tuple[int, int], Any] = {}
     for i in range(3):
         for j in range(i, 3):
@@ -111,13 +88,13 @@ def convective_inertia(density: float | CF, k: Kinematics, rate: CF, grad_u: CF,
     return density * InnerProduct(k.J * rate + grad_u * (k.cof.trans * relative_velocity), v)
 
 
-def viscous_stress(fluid: Viscous, k: Kinematics, grad_u: CF) -> CF:
+def viscous_stress(fluid: FluidLaw, k: Kinematics, grad_u: CF) -> CF:
     """mu (L + L^T) with L = grad u F^-1, the velocity gradient in the deformed shape."""
     L = grad_u * k.inverse
-    return fluid.viscosity * (L + L.trans)
+    return fluid.apparent_viscosity(L + L.trans) * (L + L.trans)
 
 
-def fluid_stress_work(fluid: Viscous, k: Kinematics, grad_u: CF, p: CF, grad_v: CF) -> CF:
+def fluid_stress_work(fluid: FluidLaw, k: Kinematics, grad_u: CF, p: CF, grad_v: CF) -> CF:
     """J sigma F^-T : grad v with sigma = -p I + mu (L + L^T)."""
     return InnerProduct(viscous_stress(fluid, k, grad_u) * k.cof, grad_v) - p * InnerProduct(k.cof, grad_v)
 
@@ -170,10 +147,10 @@ def _smooth_step(s: CF) -> CF:
     return inside * inside * (3 - 2 * inside)
 
 
-def opening(fluid: Viscous, pressure: CF, k: Kinematics, grad_u: CF, normal: CF, v: CF) -> CF:
+def opening(fluid: FluidLaw, pressure: CF, k: Kinematics, grad_u: CF, normal: CF, v: CF) -> CF:
     """Traction sigma n = -p n + mu L^T n on an opening of given pressure, which developed flow satisfies exactly."""
-    area = k.cof * normal
-    transposed = fluid.viscosity * InnerProduct((grad_u * k.inverse).trans * area, v)
+    area, L = k.cof * normal, grad_u * k.inverse
+    transposed = fluid.apparent_viscosity(L + L.trans) * InnerProduct(L.trans * area, v)
     return pressure * InnerProduct(area, v) - transposed
 
 

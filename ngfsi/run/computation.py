@@ -363,7 +363,7 @@ class Computation:
 def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
     """Return the fields written for ParaView, defined on the whole domain: zero where they do not exist."""
     domain = system.domain
-    fields = system.fields(system.state.components)
+    fields = system.fields()
     fluid = domain.fluid
     solid_velocity = system.new_weight * system.state.components[0] + system.velocity_history.components[0]
     everywhere = {name: solid_velocity for name in domain.geometry.solids} | {fluid: fields.velocity}
@@ -374,7 +374,7 @@ def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
     return {
         "displacement_m": fields.motion,
         "velocity_m_s": domain.mesh.MaterialCF(everywhere),
-        "pressure_Pa": domain.mesh.MaterialCF({fluid: fields.pressure}, default=0),
+        "pressure_Pa": domain.mesh.MaterialCF({fluid: system.blood_pressure()}, default=0),
         STRESS: domain.mesh.MaterialCF({**stress, fluid: none}),
         DEFORMATION: domain.mesh.MaterialCF({**dict.fromkeys(stress, strain), fluid: none}),
     }

@@ -11,6 +11,7 @@ from ngsolve import GridFunction, Id, Inv
 from ngfsi.errors import SolverError
 from ngfsi.linear.backends import Name
 from ngfsi.linear.factorisation import Factorisation
+from ngfsi.linear.levels import levels_of
 from ngfsi.solve.newton import Newton
 from ngfsi.system.forms import tangent_form
 from ngfsi.system.system import System
@@ -97,11 +98,8 @@ def in_load_steps(system: System, newton: Newton, share: float = 0.0, until: flo
 
 
 def _set_share(system: System, share: float) -> None:
-    system.set_loads(0.0)
-    for pressure in (system.skin_pressure, *system.cuff_pressures, *system.openings.values()):
-        pressure.Set(share * pressure.Get())
-    system.flow_rate *= share
-    system.prescribe(share)
+    system.update(0.0, share)
+    system.prescribe()
 
 
 def _with_inertia(system: System, newton: Newton) -> None:
@@ -132,11 +130,11 @@ def _relax(system: System, backend: Name) -> int:
     relaxation, given = GridFunction(space), Id(system.domain.mesh.dim)
     trial, test = space.TnT()
     unloaded = Inv(given + ng.Grad(trial))
-    parts = [part for name in system.solids for part in system.work_parts(name, given, ng.Grad(test), unloaded)]
-    form = tangent_form(space, parts, condense=system.tangent.condense)
+    integrals = [one for name in system.solids for one in system.work_integrals(name, given, ng.Grad(test), unloaded)]
+    form = tangent_form(space, integrals, condense=system.tangent.condense)
     load = np.array(system.residual().FV().NumPy()[: space.ndof])  # of blood and skin: the tissue is not stressed yet
     free = system.unknowns.free("d")[: space.ndof]
-    factorisation = Factorisation(form, free, backend, levels=lambda: system.levels)
+    factorisation = Factorisation(form, free, backend, levels=lambda: levels_of(system.domain, system.unknowns))
     residual, update = relaxation.vec.CreateVector(), relaxation.vec.CreateVector()
     for _ in range(NEWTON_STEPS):
         form.Apply(relaxation.vec, residual)

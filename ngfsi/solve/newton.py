@@ -26,7 +26,9 @@ from numpy.typing import NDArray
 from ngfsi.errors import SolverError
 from ngfsi.linear.backends import Name
 from ngfsi.linear.factorisation import Factorisation
+from ngfsi.linear.levels import levels_of
 from ngfsi.system.system import System, Vector
+from ngfsi.system.unknowns import NAMES
 
 SLOW = 12
 PATIENCE = 4
@@ -131,7 +133,7 @@ class Newton:
             backend,
             system.unknowns.equations,
             system.watch,
-            lambda: system.levels,
+            lambda: levels_of(system.domain, system.unknowns),
             lambda: self._scale_vector(system.block_scales()),
             system.ranks,
         )
@@ -210,7 +212,7 @@ class Newton:
                 break
             if change < tolerance:
                 self.system.values[self.free] = x + step
-                self.system.apply_inflow()
+                self.system.prescribe()
                 return solution
             history.append(change)
             best = x if change == min(history) else best
@@ -242,7 +244,7 @@ class Newton:
 
     def _renew(self, solution: Solution, weight: float) -> None:
         """Linearise at the present state with a weight of the new state, and factorise."""
-        self.system.apply_inflow()
+        self.system.prescribe()
         present = self.system.new_weight.Get()
         self.system.new_weight.Set(weight)
         self._factorise()
@@ -281,13 +283,11 @@ class Newton:
         }
 
     def _failure_message(self, solution: Solution, scales: Mapping[str, float]) -> str:
-        names = {"d": "displacement of the solids", "w": "velocity", "p": "blood pressure", "e": "mesh motion",
-                 "s": "stretch across the plane"}  # fmt: skip
         finite = {k: v for k, v in solution.changes.items() if np.isfinite(v)}
         if len(finite) < len(solution.changes):
             return f"Newton's method met values that are not finite after {solution.iterations} iterations"
-        worst = max(finite, key=lambda name: finite[name])
+        largest = max(finite, key=lambda name: finite[name])
         return (
-            f"Newton's method did not converge in {solution.iterations} iterations: the {names[worst]} still changes "
-            f"by {finite[worst]:.1e} of its scale ({scales[worst]:.3g} in SI units)"
+            f"Newton's method did not converge in {solution.iterations} iterations: the {NAMES.get(largest, largest)} "
+            f"still changes by {finite[largest]:.1e} of its scale ({scales[largest]:.3g} in SI units)"
         )

@@ -58,7 +58,7 @@ def equilibrium(case: Case, domain: Domain | None = None, start: System | None =
     system, newton = _at_rest(case, domain)
     if start is not None:
         system.values[:] = start.values
-        system.set_loads(0.0)
+        system.update(0.0)
         with suppress(SolverError):
             newton.solve(case.solver.tolerance, case.solver.max_iterations)
             return system

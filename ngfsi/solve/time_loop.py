@@ -156,6 +156,7 @@ class TimeLoop:
                 size, solution = self._advance(time, milestone)
                 at_milestone = abs(time + size - milestone) <= SAME_TIME * self.case.time.step
                 time = milestone if at_milestone else time + size
+                self.system.accept()
                 self.history.push(time, self.system.values.copy(), self.system.rates())
                 self.history.smooth = 0 if self._is_kink(time) else self.history.smooth + 1
                 self.history.accepted += 1
@@ -184,11 +185,12 @@ class TimeLoop:
         system, history, case = self.system, self.history, self.case
         previous = history.times[0] - history.times[1] if history.smooth >= 1 else None
         old = min(1, len(history.states) - 1)
-        system.set_loads(time + size)
+        system.update(time + size)
         system.set_rates(
             weights(case.time.scheme, size, previous),
             (history.states[0], history.states[old]),
             (history.rates[0], history.rates[old]),
+            np.inf if case.time.scheme == "static" else size,
         )
         predicted = history.extrapolated(time + size)
         system.values[:] = predicted
@@ -229,9 +231,8 @@ class TimeLoop:
     def _retreat(self, time: float, size: float, error: SolverError) -> None:
         """Halve the step, or give up."""
         if size / 2 < self.case.time.smallest_step:
-            pressure = self.case.loads.skin_pressure(time)
             raise SolverError(
-                f"the run ended at t = {time:.6g} s with {pressure:.4g} Pa on the skin: a step of {size:.3g} s to "
+                f"the run ended at t = {time:.6g} s with {self.system.sentence()}: a step of {size:.3g} s to "
                 f"t = {time + size:.6g} s failed and time.smallest_step forbids a smaller one: {error}"
                 f"{self._explain(self.history.accepted > 0)}"
             ) from error

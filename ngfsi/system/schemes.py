@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-SchemeName = Literal["bdf2", "backward_euler"]
+SchemeName = Literal["bdf2", "backward_euler", "static"]
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,8 @@ def weights(scheme: SchemeName, step: float, previous_step: float | None) -> Wei
     The start of BDF2 and each kink of a load therefore cost one step of local error O(step^2), which leaves the
     second order of the whole untouched; carried across a kink, BDF2 would differentiate through it.
     """
+    if scheme == "static":
+        return STEADY
     if scheme == "backward_euler" or previous_step is None:
         return backward_euler(step)
     return bdf2(step, previous_step)

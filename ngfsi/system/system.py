@@ -1,11 +1,13 @@
-"""The coupled system: residual and linearisation of tissue, blood and mesh motion in one vector of unknowns."""
+"""The coupled system: residual and linearisation of solids, blood and mesh motion in one vector of unknowns.
+
+It sums what solids, blood and conditions contribute, and knows none of the conditions in particular.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import ngsolve as ng
 import numpy as np
@@ -13,21 +15,23 @@ from ngsolve import GridFunction, Inv, Parameter
 from numpy.typing import NDArray
 
 from ngfsi.case import Case
-from ngfsi.materials import Newtonian
+from ngfsi.conditions.condition import Condition, Setup
+from ngfsi.errors import CaseError
+from ngfsi.materials.fluid.law import FluidLaw
+from ngfsi.materials.solid.law import Place, SolidModel
 from ngfsi.materials.solid.small_strain import SmallStrain
 from ngfsi.mesh.domain import Domain, elements_at
-from ngfsi.outlines.displacement import OutlineDisplacement
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.physics import terms
-from ngfsi.physics.kinematics import Kinematics, in_space
-from ngfsi.system.boundary import boundary_values
-from ngfsi.system.forms import Integral, WithInertia, WithoutRows, reduced_rules, residual_form, rules, tangent_form
+from ngfsi.physics.fields import MOTION, PRESSURE, STRETCH, VELOCITY, Fields, Named
+from ngfsi.physics.integrals import Integral, reduced_rules, rules
+from ngfsi.physics.kinematics import Kinematics, in_3d
+from ngfsi.system.conditions import conditions_of, references_of
+from ngfsi.system.forms import WithInertia, WithoutRows, residual_form, tangent_form
 from ngfsi.system.schemes import STEADY, Weights
 from ngfsi.system.unknowns import Unknowns
-
-if TYPE_CHECKING:
-    from ngfsi.linear.multigrid import Levels
 
 Vector = NDArray[np.float64]
 
@@ -35,27 +39,8 @@ EXTRA_ORDER = 1
 """Integration order of the blood's terms beyond twice that of the elements, for the lumen's balance of mass,
 cof(F) : grad u. It is free on hexahedra of order 2, and the balance closes to 1e-7 of the flow; 2 closes it to
 rounding, but doubles the cost of the Jacobian and changes the mean wall shear by 6e-4."""
-
-
-@dataclass(frozen=True)
-class Fields:
-    """The blood's and the mesh's fields as coefficient functions of the unknowns (trial functions or a state).
-
-    Attributes:
-        motion, grad_motion: displacement m of the mesh and its reference gradient.
-        relative: velocity w of the blood relative to the mesh.
-        velocity, grad_velocity: u = w + rate of m, and its reference gradient.
-        acceleration: rate of u at a fixed reference point.
-        pressure: p.
-    """
-
-    motion: Any
-    grad_motion: Any
-    relative: Any
-    velocity: Any
-    grad_velocity: Any
-    acceleration: Any
-    pressure: Any
+SLOWEST = 0.01
+"""Flow by which changes of the velocity are judged at least while the solids move, over the blood's volume (1/s)."""
 
 
 def second_rate(new: Any, state: Any, velocity_history: Any, acceleration_history: Any) -> Any:
@@ -64,92 +49,118 @@ def second_rate(new: Any, state: Any, velocity_history: Any, acceleration_histor
 
 
 class System:
-    """Weak form of a case on a domain, with its state, its rates and its loads.
+    """Weak form of a case on a domain, with its state, its rates and its conditions.
 
     Rates are linear in the state: rate(y) = new * y + history. `velocity_history` and `acceleration_history` hold
     the old states' part for each unknown, in the same vector layout as the state itself.
+
+    Attributes:
+        conditions: what acts, by name.
+        solids: the models of the solids, by region.
+        step: size of the step that is being taken (s); infinite at rest.
     """
 
     def __init__(
         self, case: Case, domain: Domain, watch: Stopwatch | None = None, ranks: Ranks = SERIAL,
-        elements: ng.BitArray | None = None,
+        elements: ng.BitArray | None = None, more: Sequence[Condition] = (),
     ) -> None:  # fmt: skip
         """Build the forms.
 
         Args:
             watch: takes the seconds of residuals, assembly, factorisation and solves.
-            ranks: ranks that work on the same case together.
+            ranks: that work on the same case together.
             elements: those of which this rank has the integrals; default: all.
+            more: conditions beyond those of the case; one at an opening takes the place of the case's.
+
+        Raises:
+            CaseError: a condition does not fit the geometry, or an opening has none.
         """
         self.case, self.domain, self.ranks = case, domain, ranks
         self.watch = watch or Stopwatch()
-        inflow = case.loads.inlet_pressure is None
-        given = case.conditions
-        self.unknowns = Unknowns.build(
-            domain, case.discretisation.order, given.ends, inflow=inflow, plane_stress=given.plane_stress,
-            moved=("skin",) if given.skin_displacement else (),
-        )  # fmt: skip
+        self._elements = elements
+        references = references_of(case, domain)
+        acting = [*references.values(), *conditions_of(case, domain, {one.name for one in more}), *more]
+        self.conditions = {condition.name: condition for condition in acting}
+        if len(self.conditions) < len(acting):
+            raise CaseError(f"two conditions have the same name, there are {', '.join(c.name for c in acting)}")
+        self.unknowns = Unknowns.build(domain, case.discretisation.order, acting, case.conditions.plane_stress)
         space = self.unknowns.space
         self.state = GridFunction(space)
         self.velocity_history = GridFunction(space)
         self.acceleration_history = GridFunction(space)
-        self.new_weight = Parameter(0.0)
-        self.skin_pressure = Parameter(0.0)
-        self.cuff_pressures = [Parameter(0.0) for _ in case.loads.cuffs]
-        self.outlet_pressure, self.inlet_pressure = Parameter(0.0), Parameter(0.0)
-        self.openings = {"outlet": self.outlet_pressure} | ({} if inflow else {"inlet": self.inlet_pressure})
-        self.blood_density = Parameter(self.blood.density if domain.geometry.fluid else 0.0)
-        self.flow_rate = 0.0
-        laws = {name: case.materials.law_of(name) for name in domain.geometry.solids}
-        self._small = given.strain == "small"
-        self.solids: dict[str, Any] = {name: SmallStrain(law) for name, law in laws.items()} if self._small else laws
-        self._skin = SkinMotion(self, given.skin_displacement) if given.skin_displacement else None
+        self.new_weight, self.step = Parameter(0.0), Parameter(np.inf)
+        self.blood_density = Parameter(self.blood.density if domain.lumens else 0.0)
+        self.motion = self.state.components[0]
         self.relaxation: GridFunction | None = None
         if case.conditions.initial_state == "prestress":
             self.relaxation = GridFunction(space.components[0])
-        self.form, self.tangent = self._forms(space, elements)
+        self._small = case.conditions.strain == "small"
+        self.solids = {name: self._model(name) for name in domain.geometry.solids}
+        self._volume = domain.volume(*domain.lumens) if domain.lumens else 0.0
+        self._areas = {name: domain.area(name) for v in domain.vessels if v.lumen for name in v.openings}
+        setup = self._setup(references)
+        for condition in acting:
+            condition.attach(setup)
+        self._prescribing = [c for c in acting if type(c).prescribe is not Condition.prescribe]
+        self.form, self.tangent = self._forms(space)
         self._residual = self.state.vec.CreateVector()
         self._last_sent: dict[str, Vector] = {}
-        self._inlet = Inlet(self) if domain.geometry.fluid else None
+
+    def _setup(self, references: Mapping[str, Any]) -> Setup:
+        trial, test = map(self.unknowns.named, self.unknowns.space.TnT())
+        laws = (self.case.materials.law_of(name) for name in self.domain.geometry.solids)
+        return Setup(
+            domain=self.domain, unknowns=self.unknowns, order=self.unknowns.order, trial=trial, test=test,
+            state=self.named(self.state), velocity_history=self.named(self.velocity_history), fields=self.fields,
+            new_weight=self.new_weight, step=self.step, blood_density=self.blood_density, references=references,
+            fluid=self.case.materials.fluid, stiffness=max((law.shear_modulus or 0.0 for law in laws), default=1.0),
+            small=self._small, leads=self.ranks.leads,
+        )  # fmt: skip
+
+    def _model(self, region: str) -> SolidModel:
+        """Return the model of a solid."""
+        law = self.case.materials.law_of(region)
+        if self._small:
+            return SmallStrain(law)
+        F = in_3d(self.deformation_gradient(), 1.0)
+        return law.bind(Place(self.domain.mesh, region, self.unknowns.order, F, self.step))
+
+    def named(self, field: GridFunction) -> dict[str, Any]:
+        """Return the components of a grid function of all unknowns by name of the field."""
+        return self.unknowns.named(field.components)
 
     @property
-    def blood(self) -> Newtonian:
-        """The fluid, of a system that has one."""
+    def blood(self) -> FluidLaw:
+        """The law of the blood, of a system that has any."""
         assert self.case.materials.fluid is not None
         return self.case.materials.fluid
 
-    @cached_property
-    def levels(self) -> Levels:
-        """The levels of p-multigrid, as solver and for nothing else."""
-        from ngfsi.linear.multigrid import levels_of  # with SciPy's GMRES, which direct solvers do without
-
-        return levels_of(self.domain, self.unknowns)
-
     # ---------------------------------------------------------------- weak form
 
-    def _forms(self, space: Any, elements: ng.BitArray | None) -> tuple[Any, Any]:
+    def _forms(self, space: Any) -> tuple[Any, Any]:
         """Return residual and tangent.
 
         With one-way coupling the blood's terms are missing in the equations of the solids, where they are its traction.
         """
-        parts = self.parts(elements)
-        residual: Any = residual_form(space, parts)
+        integrals = self.integrals()
+        residual: Any = residual_form(space, integrals)
         trial, test = space.TnT()
         velocity, rest = (field.components[0] for field in (self.velocity_history, self.acceleration_history))
         acceleration = second_rate(self.new_weight, trial[0], velocity, rest)
-        linear = [*parts, *self.inertia_parts(acceleration, test[0], elements)]
+        linear = [*integrals, *self.inertia_integrals(acceleration, test[0])]
+        one_way = any(condition.excludes_blood() for condition in self.conditions.values())
         # interior unknowns appear from order 3 on
-        tangent: Any = tangent_form(space, linear, condense=self.unknowns.order >= 3 and not self._one_way)
-        if self._one_way:
-            blood, rows = self.fluid_parts(elements), self.unknowns.blocks["d"]
+        tangent: Any = tangent_form(space, linear, condense=self.unknowns.order >= 3 and not one_way)
+        if one_way:
+            blood, rows = self.blood_integrals(self._elements), self.unknowns.blocks["d"]
             residual = WithoutRows(residual, residual_form(space, blood), rows)
             tangent = WithoutRows(tangent, tangent_form(space, blood), rows)
-        return self._with_inertia(residual, elements), tangent
+        return self._with_inertia(residual), tangent
 
-    def _with_inertia(self, residual: Any, elements: ng.BitArray | None) -> WithInertia:
+    def _with_inertia(self, residual: Any) -> WithInertia:
         motion = self.unknowns.space.components[0]
         trial, test = motion.components[0].TnT()
-        mass = tangent_form(motion.components[0], self.inertia_parts(trial, test, elements))
+        mass = tangent_form(motion.components[0], self.inertia_integrals(trial, test))
         velocity, rest = (field.vec.FV().NumPy() for field in (self.velocity_history, self.acceleration_history))
 
         def acceleration(values: Vector) -> Vector:
@@ -157,143 +168,117 @@ class System:
 
         return WithInertia(residual, mass, motion, acceleration)
 
-    @property
-    def _one_way(self) -> bool:
-        return self.case.conditions.coupling == "one_way" and self.domain.has_boundary("interface")
+    def fields(self, parts: Named | None = None) -> Fields:
+        """Return the blood's and the mesh's fields of the present state, or of trial functions by name."""
+        histories = self.named(self.velocity_history), self.named(self.acceleration_history)
+        return Fields.of(self.named(self.state) if parts is None else parts, *histories, self.new_weight)
 
-    def fields(self, parts: Any) -> Fields:
-        """Return the blood's and the mesh's fields for `parts` = (m, w, p)."""
-        m, w, p = parts
-        hm, hw, _ = self.velocity_history.components
-        am = self.acceleration_history.components[0]
-        new = self.new_weight
-        u = w + new * m + hm
-        return Fields(
-            motion=m,
-            grad_motion=ng.Grad(m),
-            relative=w,
-            velocity=u,
-            grad_velocity=ng.Grad(w) + new * ng.Grad(m) + ng.Grad(hm),
-            acceleration=new * u + hw + am,
-            pressure=p,
-        )
+    def deformation_gradient(self) -> Any:
+        """Return F of the solids in the present state, from the shape that is free of stress."""
+        F, relaxation = Kinematics(ng.Grad(self.motion)).F, self.stress_free_gradient()
+        return F if relaxation is None else F * relaxation
 
     def stress_free_gradient(self) -> Any | None:
         """G = dX/dX0 where the reference shape is prestressed: inverse of I + grad(X0 - X)."""
         return None if self.relaxation is None else Inv(Kinematics(ng.Grad(self.relaxation)).F)
 
-    def fluid_form(self, at: str | None = None) -> ng.BilinearForm:
-        """Return the residual of the fluid alone: what it lacks at a boundary is the force on that boundary.
+    def blood_form(self, vessel: Vessel | None = None) -> ng.BilinearForm:
+        """Return the residual of the blood alone, of all ranks: what it lacks at a boundary is the force on that
+        boundary.
 
         Args:
-            at: a boundary: elements that do not touch it are left out.
+            vessel: elements that do not touch its wall are left out.
         """
-        near = None if at is None else elements_at(self.domain, self.domain.fluid, at)
-        return residual_form(self.unknowns.space, self.fluid_parts(near))
+        near = None if vessel is None else elements_at(self.domain, str(vessel.lumen), vessel.interface)
+        return residual_form(self.unknowns.space, self.blood_integrals(near))
 
-    def parts(self, elements: ng.BitArray | None = None) -> list[Integral]:
-        """Return the integrands of the weak form but the solids' inertia, on some elements or all; of several ranks
-        the first has those on boundaries."""
-        return self.solid_parts(elements) + (self.fluid_parts(elements) if self.domain.geometry.fluid else [])
+    def integrals(self) -> list[Integral]:
+        """Return the integrals of the weak form but the solids' inertia, on this rank's elements."""
+        elements = self._elements
+        acting = [i for condition in self.conditions.values() for i in condition.integrals(elements)]
+        return [*self.solid_integrals(), *acting, *self._blood_inside(elements)]
 
     def _rules(self, order: int) -> dict[Any, ng.IntegrationRule]:
         return rules(order + self.case.discretisation.extra_integration_order)
 
+    def blood_pressure(self, vessel: str = "") -> Any:
+        """Return the pressure of the blood (Pa) in a vessel, in the present state."""
+        return self.named(self.state)[PRESSURE] + self.reference(vessel)
+
+    def reference(self, vessel: str = "") -> Parameter:
+        """Return the pressure (Pa) relative to which that of a vessel's blood is solved for."""
+        condition: Any = self.conditions[f"blood {vessel}".strip()]
+        return condition.value
+
     def hydrostatic_pressure(self, region: str) -> Any:
         """Return p = -tr(sigma)/3 (Pa) of a solid in the present state."""
-        F = Kinematics(ng.Grad(self.state.components[0])).F
-        stretch = 1 + self.state.components[1] if region in self.case.conditions.plane_stress else 1
-        law = self.solids[region]
-        if not self._small:
-            return terms.hydrostatic_pressure(law, F, stretch)
-        return -law.variation(in_space(F, stretch), ng.Id(3)) / 3
+        F, stretch = self.deformation_gradient(), 1
+        if region in self.case.conditions.plane_stress:
+            stretch = 1 + self.named(self.state)[STRETCH]
+        if self._small:
+            return -self.solids[region].variation(in_3d(F, stretch), ng.Id(3)) / 3
+        return terms.hydrostatic_pressure(self.solids[region], F, stretch)
 
-    def work_parts(
+    def work_integrals(
         self, name: str, F: Any, grad_v: Any, relaxation: Any | None, across: tuple[Any, Any] = (1, 0),
         elements: ng.BitArray | None = None,
     ) -> list[Integral]:  # fmt: skip
         """Return the virtual work of a solid's stresses, at all integration points first."""
-        order, law = self.unknowns.order, self.solids[name]
+        order, model = self.unknowns.order, self.solids[name]
         dx = partial(self.domain.dx, name, definedonelements=elements)
         measure = dx(intrules=self._rules(2 * order))
         if self.case.discretisation.bulk_integration == "full":
-            return [Integral([terms.internal_work(law, F, grad_v, relaxation, across)], measure)]
-        rest, bulk = terms.internal_works(law, F, grad_v, relaxation, across)
+            return [Integral([terms.internal_work(model, F, grad_v, relaxation, across)], measure)]
+        rest, bulk = terms.internal_works(model, F, grad_v, relaxation, across)
         return [Integral([rest], measure), Integral([bulk], dx(intrules=reduced_rules(order)))]
 
-    def solid_parts(self, elements: ng.BitArray | None = None) -> list[Integral]:
-        """Return the integrands of the solids and of the pressures on skin and lumens."""
-        trial, test = self.unknowns.space.TnT()
-        m, v = trial[0], test[0]
-        F, relaxation = Kinematics(ng.Grad(m)).F, self.stress_free_gradient()
-        parts = []
+    def solid_integrals(self) -> list[Integral]:
+        """Return the integrals of the solids' stresses, on this rank's elements."""
+        trial, test = map(self.unknowns.named, self.unknowns.space.TnT())
+        F, relaxation = Kinematics(ng.Grad(trial[MOTION])).F, self.stress_free_gradient()
+        found = []
         for name in self.solids:
             # the stretch across the plane and its variation
-            across = (1 + trial[1], test[1]) if name in self.case.conditions.plane_stress else (1, 0)
-            parts += self.work_parts(name, F, ng.Grad(v), relaxation, across, elements)
-        if not self.ranks.leads:
-            return parts
-        if self.domain.has_boundary("skin"):
-            parts.append(self._pressure_on("skin", self._on_skin(), m, v))
-        if self._one_way:
-            parts.append(self._blood_on_wall(self.outlet_pressure, m, v))
-        lumens = getattr(self.domain.geometry, "lumen_names", ())
-        return parts + [self._pressure_on(name, self.outlet_pressure, m, v) for name in lumens]
+            stressed = name in self.case.conditions.plane_stress
+            across = (1 + trial[STRETCH], test[STRETCH]) if stressed else (1, 0)
+            found += self.work_integrals(name, F, ng.Grad(test[MOTION]), relaxation, across, self._elements)
+        return found
 
-    def inertia_parts(self, acceleration: Any, v: Any, elements: ng.BitArray | None = None) -> list[Integral]:
-        """Return the integrands of the solids' inertia, for one component or all of an acceleration."""
-        measure = partial(self.domain.dx, definedonelements=elements, intrules=self._rules(2 * self.unknowns.order))
-        return [Integral([terms.inertia(law.density, acceleration, v)], measure(n)) for n, law in self.solids.items()]
+    def inertia_integrals(self, acceleration: Any, v: Any) -> list[Integral]:
+        """Return the integrals of the solids' inertia, for one component or all of an acceleration."""
+        points = self._rules(2 * self.unknowns.order)
+        measure = partial(self.domain.dx, definedonelements=self._elements, intrules=points)
+        return [
+            Integral([terms.inertia(model.density, acceleration, v)], measure(n)) for n, model in self.solids.items()
+        ]
 
-    def static_parts(self, m: Any, v: Any) -> list[Integral]:
-        """Return the integrands of the solids at rest under the present pressures, the blood's held as it is.
+    def static_integrals(self, m: Any, v: Any) -> list[Integral]:
+        """Return the integrals of the solids at rest under what acts now, the blood's pressure held as it is.
 
         Args:
             m, v: motion and test function of the space of the motion alone.
         """
         F, relaxation = Kinematics(ng.Grad(m)).F, self.stress_free_gradient()
-        parts = [part for name in self.solids for part in self.work_parts(name, F, ng.Grad(v), relaxation)]
-        if self.domain.has_boundary("skin"):
-            parts.append(self._pressure_on("skin", self._on_skin(), m, v))
-        if self.domain.geometry.fluid and self.domain.has_boundary("interface"):
-            blood = self.outlet_pressure if self._one_way else self.state.components[2]
-            parts.append(self._blood_on_wall(blood, m, v))
-        return parts
+        found = [i for name in self.solids for i in self.work_integrals(name, F, ng.Grad(v), relaxation)]
+        return [*found, *(i for condition in self.conditions.values() for i in condition.static_integrals(m, v))]
 
-    def _blood_on_wall(self, pressure: Any, m: Any, v: Any) -> Integral:
-        """Return the work of a pressure of the blood on the deformed interface."""
-        k, out_of_blood = Kinematics(ng.Grad(m).Trace()), self.domain.outward_normal()
-        return Integral([-terms.follower_pressure(pressure, k, out_of_blood, v.Trace())], self.domain.ds("interface"))
+    def blood_integrals(self, elements: ng.BitArray | None = None) -> list[Integral]:
+        """Return the integrals of the blood, the mesh motion and what acts on the blood, on some elements or all."""
+        acting = [i for condition in self.conditions.values() for i in condition.blood_integrals(elements)]
+        return [*self._blood_inside(elements), *acting]
 
-    def _pressure_on(self, name: str, pressure: Any, m: Any, v: Any) -> Integral:
-        """Return the work of a pressure on a boundary, on its deformed shape unless strains are small."""
-        normal, grad_m = ng.specialcf.normal(self.domain.mesh.dim), ng.Grad(m)
-        if self.domain.mesh.dim == 3:
-            k = Kinematics(grad_m.Trace())
-            return Integral([terms.follower_pressure(pressure, k, normal, v.Trace())], self.domain.ds(name))
-        # around holes of the plane the normal is outward only as the elements' own
-        k = Kinematics(0 * grad_m if self._small else grad_m)
-        return Integral([terms.follower_pressure(pressure, k, normal, v)], self.domain.ds(name, skeleton=True))
-
-    def _on_skin(self) -> Any:
-        """Return the pressure on the skin as a function of place."""
-        parts = [
-            pressure * terms.part_of_skin(cuff.start, cuff.end, cuff.edge, cuff.direction, cuff.half_width)
-            for pressure, cuff in zip(self.cuff_pressures, self.case.loads.cuffs, strict=True)
-        ]
-        return sum(parts, self.skin_pressure)
-
-    def fluid_parts(self, elements: ng.BitArray | None = None) -> list[Integral]:
-        """Return the integrands of the blood and of the mesh motion."""
-        trial, test = self.unknowns.space.TnT()
-        blood, f = self.blood, self.fields(trial)
+    def _blood_inside(self, elements: ng.BitArray | None) -> list[Integral]:
+        if not self.domain.lumens:
+            return []
+        trial, test = map(self.unknowns.named, self.unknowns.space.TnT())
+        f = self.fields(trial)
         k = Kinematics(f.grad_motion)
         # which unknown's equation that makes: see Unknowns.equations
-        v, v_mesh = test[0], test[1]
+        v, v_mesh = test[MOTION], test[VELOCITY]
         inside = [
             terms.convective_inertia(self.blood_density, k, f.acceleration, f.grad_velocity, f.relative, v),
-            terms.fluid_stress_work(blood, k, f.grad_velocity, f.pressure, ng.Grad(v)),
-            terms.incompressibility(k, f.grad_velocity, test[2]),
+            terms.fluid_stress_work(self.blood, k, f.grad_velocity, f.pressure, ng.Grad(v)),
+            terms.incompressibility(k, f.grad_velocity, test[PRESSURE]),
         ]
         stiffness = self.case.discretisation.extension_stiffness
         if self.case.discretisation.mesh_motion == "harmonic":
@@ -302,62 +287,30 @@ class System:
             stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
             inside.append(terms.elastic_extension(stiffness, k, ng.Grad(v_mesh)))
         points = self._rules(2 * self.unknowns.order + EXTRA_ORDER)
-        measure = self.domain.dx(self.domain.fluid, intrules=points, definedonelements=elements)
-        return [Integral(inside, measure), *(self._through(n, f, k, v, elements) for n in self.openings)]
+        return [Integral(inside, self.domain.dx(*self.domain.lumens, intrules=points, definedonelements=elements))]
 
-    def _through(self, name: str, f: Fields, k: Kinematics, v: Any, elements: ng.BitArray | None) -> Integral:
-        """Return the traction on an opening as an integral over the boundary of the elements there.
-
-        NGSolve's own over a boundary with the whole gradient (`skeleton`) takes all elements, and room for them.
-        """
-        face = GridFunction(ng.FacetFESpace(self.domain.mesh, order=0))
-        face.Set(1, definedon=self.domain.boundaries(name))
-        near = elements_at(self.domain, self.domain.fluid, name)
-        side = self.domain.dx(
-            self.domain.fluid, element_boundary=True, definedonelements=near if elements is None else near & elements
-        )
-        return Integral([face * self.opening(name, f, k, v)], side)
-
-    def opening(self, name: str, f: Fields, k: Kinematics, v: Any) -> Any:
-        """Return the integrand of the traction on an opening with a prescribed pressure; needs the full gradient."""
-        normal = ng.specialcf.normal(self.domain.mesh.dim)
-        traction = terms.opening(self.blood, self.openings[name], k, f.grad_velocity, normal, v)
-        if name == "inlet":  # where blood is meant to enter with its energy
-            return traction
-        return traction + terms.backflow(self.blood_density, k, f.velocity, f.relative, normal, v)
-
-    def apply_inflow(self) -> None:
-        """Scale the inlet profile so that the flux through the deformed inlet is `flow_rate` (m3/s)."""
-        if self._inlet is not None and "inlet" not in self.openings:
-            self.values[self.unknowns.inlet] = self._inlet.profile * (self.flow_rate / self._inlet.flux())
-
-    def prescribe(self, share: float) -> None:
-        """Move boundaries of prescribed displacement by a share of it."""
-        if self._skin is not None:
-            self.values[self._skin.numbers] = share * self._skin.values
-
-    # ---------------------------------------------------------------- state, loads, rates
+    # ---------------------------------------------------------------- state, conditions, rates
 
     @property
     def values(self) -> Vector:
         """The state's vector of unknowns, as a view."""
         return np.asarray(self.state.vec.FV().NumPy())
 
-    def set_loads(self, t: float) -> None:
-        """Take the loads of time t (s)."""
-        loads = self.case.loads
-        self.skin_pressure.Set(loads.skin_pressure(t))
-        for parameter, cuff in zip(self.cuff_pressures, loads.cuffs, strict=True):
-            parameter.Set(cuff.pressure(t))
-        self.outlet_pressure.Set(loads.outlet_pressure(t))
-        if loads.inlet_pressure is None:
-            self.flow_rate = loads.inlet_flow(t)
-        else:
-            self.inlet_pressure.Set(loads.inlet_pressure(t))
-        self.prescribe(1.0)
+    def prescribe(self) -> None:
+        """Write the values of prescribed unknowns, which may depend on the present shape."""
+        for condition in self._prescribing:
+            condition.prescribe(self.values)
 
-    def set_rates(self, weights: Weights, states: tuple[Vector, Vector], rates: tuple[Vector, Vector]) -> None:
-        """Take the weights of a step and the histories of (last, second last) states and rates."""
+    def update(self, t: float, load_factor: float = 1.0) -> None:
+        """Let what acts at time t (s) act, or a fraction of it."""
+        for condition in self.conditions.values():
+            condition.update(t, load_factor)
+
+    def set_rates(
+        self, weights: Weights, states: tuple[Vector, Vector], rates: tuple[Vector, Vector], step: float
+    ) -> None:
+        """Take the weights of a step of a size (s), and the histories of (last, second last) states and rates."""
+        self.step.Set(step)
         self.new_weight.Set(weights.new)
         self.velocity_history.vec.FV().NumPy()[:] = weights.old * states[0] + weights.older * states[1]
         self.acceleration_history.vec.FV().NumPy()[:] = weights.old * rates[0] + weights.older * rates[1]
@@ -365,12 +318,25 @@ class System:
     def set_steady(self) -> None:
         """Let all rates vanish."""
         zero = np.zeros(self.unknowns.size)
-        self.set_rates(STEADY, (zero, zero), (zero, zero))
+        self.set_rates(STEADY, (zero, zero), (zero, zero), np.inf)
+
+    def accept(self) -> None:
+        """Take note that the present state is the end of an accepted step."""
+        for _, part in self._with_memory():
+            part.accept()
+
+    def _with_memory(self) -> list[tuple[str, Any]]:
+        """Return conditions and models, which may depend on more than case and state, by name."""
+        conditions = [(f"condition {name}", one) for name, one in self.conditions.items()]
+        return [*conditions, *((f"model {name}", one) for name, one in self.solids.items())]
 
     def snapshot(self) -> dict[str, Vector]:
         """Return copies of all that residual and derivative depend on beside the case, for `restore`."""
-        fields = {name: np.array(field.vec.FV().NumPy()) for name, field in self._fields_of_state().items()}
-        return fields | {"loads": np.array([p.Get() for p in self._parameters()] + [self.flow_rate])}
+        arrays = {name: np.array(field.vec.FV().NumPy()) for name, field in self._fields_of_state().items()}
+        arrays["parameters"] = np.array([p.Get() for p in (self.new_weight, self.step, self.blood_density)])
+        for name, part in self._with_memory():
+            arrays |= {f"{name}.{key}": array for key, array in part.state_arrays().items()}
+        return arrays
 
     def changed_state(self) -> dict[str, Vector]:
         """Return of the snapshot what is not as it was at the last call."""
@@ -378,21 +344,20 @@ class System:
         return {name: part for name, part in self._last_sent.items() if not np.array_equal(part, before.get(name, ()))}
 
     def restore(self, snapshot: Mapping[str, Vector]) -> None:
-        """Take the state, rates and loads of a snapshot of an equal system."""
+        """Take the state, rates and conditions of a snapshot of an equal system."""
         for name, field in self._fields_of_state().items():
             field.vec.FV().NumPy()[:] = snapshot[name]
-        *values, self.flow_rate = map(float, snapshot["loads"])
-        for parameter, value in zip(self._parameters(), values, strict=True):
-            parameter.Set(value)
+        for parameter, value in zip((self.new_weight, self.step, self.blood_density), snapshot["parameters"],
+                                    strict=True):  # fmt: skip
+            parameter.Set(float(value))
+        for name, part in self._with_memory():
+            part.restore_state({key.removeprefix(f"{name}."): array for key, array in snapshot.items()
+                                if key.startswith(f"{name}.")})  # fmt: skip
 
     def _fields_of_state(self) -> dict[str, GridFunction]:
         fields = {"state": self.state, "velocity_history": self.velocity_history}
         fields["acceleration_history"] = self.acceleration_history
         return fields if self.relaxation is None else {**fields, "relaxation": self.relaxation}
-
-    def _parameters(self) -> tuple[Parameter, ...]:
-        pressures = (self.skin_pressure, self.outlet_pressure, self.inlet_pressure)
-        return (self.new_weight, self.blood_density, *pressures, *self.cuff_pressures)
 
     def rates(self) -> Vector:
         """Rates of all unknowns at the present state."""
@@ -401,66 +366,39 @@ class System:
     def residual(self) -> Any:
         """Return the residual at the present state, each equation in its unknown's place; overwritten later.
 
-        The inflow is brought up to date.
+        Prescribed values are brought up to date.
         """
         with self.watch("residuals"):
-            self.apply_inflow()
+            self.prescribe()
             with self.ranks.order("residual", self.changed_state):
                 values = self.apply()
         values[:] = values[self.unknowns.equations]
         return self._residual
 
     def apply(self) -> Vector:
-        """Evaluate the residual of the weak form at the present state, each rank its share, and return it."""
+        """Evaluate the residual of the weak form at the present state, each rank its part, and return it."""
         self.ranks.together(lambda: self.form.Apply(self.state.vec, self._residual))
         values = np.asarray(self._residual.FV().NumPy())
         self.ranks.add(values)
         return values
 
+    def sentence(self) -> str:
+        """Return what acts now, for reports and failures."""
+        return ", ".join(said for condition in self.conditions.values() if (said := condition.sentence()))
+
     def block_scales(self) -> dict[str, float]:
         """Physical scale of each block, against which changes are judged.
 
-        d, e: size of the geometry; w: mean velocity of the larger of inflow and 1 % of the fluid's volume per second
-        (for runs without inflow); p: the largest of the pressures at the openings and 1 Pa.
+        d, e: size of the geometry; w: mean velocity of the largest flow that a condition drives, while solids move at
+        least of 1 % of the blood's volume per second; p: the largest pressure that a condition puts on the blood, 1 Pa
+        at least.
         """
-        size = self.domain.geometry.size
-        if self._inlet is None:
-            return {"d": size, "s": 1.0} if "s" in self.unknowns.blocks else {"d": size}
-        speed = max(abs(self.flow_rate), 0.01 * self._inlet.volume) / self._inlet.area
-        pressure = max(1.0, *(abs(p.Get()) for p in self.openings.values()))
-        return {"d": size, "e": size, "w": speed, "p": pressure}
-
-
-class SkinMotion:
-    """The prescribed displacement of a plane section's skin: numbers of its unknowns and their values (m)."""
-
-    def __init__(self, system: System, displacement: OutlineDisplacement) -> None:
-        domain, space = system.domain, system.unknowns.space.components[0]
-        given = boundary_values(domain, "skin", system.unknowns.order, displacement)
-        self.numbers = np.flatnonzero(list(space.GetDofs(domain.boundaries("skin"))))
-        self.values = given[self.numbers]
-
-
-class Inlet:
-    """Where the fluid enters.
-
-    Attributes:
-        profile: unknowns of the relative velocity on the inlet for a mean velocity of 1 m/s in the reference shape.
-        area: of the inlet, and `volume`: of the fluid, in the reference shape (m2, m3).
-    """
-
-    def __init__(self, system: System) -> None:
-        domain, unknowns = system.domain, system.unknowns
-        self._mesh = domain.mesh
-        self._field = GridFunction(unknowns.space)
-        entering = self._field.components[1]
-        entering.Set(domain.geometry.inflow(), definedon=domain.boundaries("inlet"), bonus_intorder=4)
-        self.profile: Vector = np.array(self._field.vec.FV().NumPy()[unknowns.inlet])
-        motion, normal = Kinematics(ng.Grad(system.state.components[0])), ng.specialcf.normal(self._mesh.dim)
-        measure = domain.ds("inlet", bonus_intorder=2 * unknowns.order)
-        self._flux = terms.relative_flux(motion, entering, normal) * measure
-        self.area, self.volume = domain.area("inlet"), domain.volume(domain.fluid)
-
-    def flux(self) -> float:
-        """Return the flux (m3/s) of the profile through the deformed inlet."""
-        return abs(float(ng.Integrate(self._flux, self._mesh)))
+        size, scales = self.domain.geometry.size, dict(self.unknowns.scales)
+        if "s" in self.unknowns.blocks:
+            scales["s"] = 1.0
+        if not self.domain.lumens:
+            return {"d": size, **scales}
+        conditions = self.conditions.values()
+        flow = max(SLOWEST * self._volume, *(c.flow_scale() for c in conditions))
+        pressure = max(1.0, *(c.pressure_scale() for c in conditions))
+        return {"d": size, "e": size, "w": flow / max(self._areas.values()), "p": pressure} | scales

@@ -1,38 +1,34 @@
 """The unknowns of the coupled problem, split so that the interface conditions hold by construction.
 
-Three fields:
-m  displacement of the mesh: of tissue and wall, and by arbitrary extension of the lumen;
-w  velocity of the blood relative to the mesh, zero on the interface: u = w + dm/dt equals the wall's velocity there;
-p  pressure of the blood;
-and in plane stress, where there is no fluid, s, the change of the stretch across the plane.
+Fields, by name (`ngfsi.physics.fields`):
+motion    displacement of the mesh: of the solids, and by arbitrary extension of the lumens;
+velocity  of the blood relative to the mesh, zero on the interface: u = w + dm/dt equals the wall's velocity there;
+pressure  of the blood;
+stretch   in plane stress, where there is no fluid, the change of the stretch across the plane;
+and numbers that conditions add, e.g. the pressure behind an opening.
 
-The unknowns of m are two blocks: d, those of the solids, interface included, whose basis functions reach one element
-layer into the lumen; and e, those inside of the lumen.
+The unknowns of the motion are two blocks: d, those of the solids, interface included, whose basis functions reach one
+element layer into the lumen; and e, those inside of the lumen. The others are w, p, s, and one block for each number.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.errors import CaseError
+from ngfsi.conditions.condition import Condition
 from ngfsi.mesh.domain import Domain
+from ngfsi.physics.fields import MOTION, PRESSURE, STRETCH, VELOCITY
 
-Ends = Literal["roller", "clamped", "guided", "free"]
 BLOCKS = ("d", "w", "p", "e")
-
-ENDS = ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outlet")
-
-ACROSS_AXIS = {2: ("dirichlety",), 3: ("dirichletx", "dirichlety")}
-"""Conditions that leave motion along the axis: z in space, x in the plane."""
-
-SAME_HEIGHT = 1e-9
-"""Points closer (m) to an end lie on it."""
+NAMES = {"d": "displacement of the solids", "w": "velocity", "p": "blood pressure", "e": "mesh motion",
+         "s": "stretch across the plane"}  # fmt: skip
+"""What blocks are, for sentences; a condition's own number is called by its name."""
 
 Numbers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -40,91 +36,93 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Product space of (m, w, p), or of m alone where there is no fluid.
+    """Product space of the fields.
 
     Attributes:
         space: the NGSolve space.
+        fields: names of its components, in order.
         blocks: name -> numbers of the unknowns.
-        inlet: numbers of the relative velocity's unknowns on the inlet, prescribed there (on its rim, which may stick
-            to a rigid boundary, it is zero).
+        on_opening: opening -> numbers of the relative velocity's unknowns that are prescribed there (on its rim, which
+            may stick to a rigid boundary, it is zero).
         order: polynomial order k.
         solvable: mask of the unknowns that no condition prescribes. The space's own `FreeDofs` is wrong:
             `Compress` forgets conditions on single components (`dirichletz`).
         equations: number of the test function whose equation is that of each unknown. The balance of momentum is
-            tested with all functions of m, the mesh motion with those of w: so the traction of the blood acts on the
-            solids, and the mesh motion cannot disturb it. Hence w and e, of equal functions, exchange their equations.
+            tested with all functions of the motion, the mesh motion with those of the velocity: so the traction of the
+            blood acts on the solids, and the mesh motion cannot disturb it. Hence w and e, of equal functions, exchange
+            their equations.
+        scales: of the conditions' own numbers.
     """
 
     space: Any
+    fields: tuple[str, ...]
     blocks: dict[str, Numbers]
-    inlet: Numbers
+    on_opening: dict[str, Numbers]
     order: int
     solvable: Mask
     equations: Numbers
+    scales: dict[str, float]
 
     @classmethod
     def build(
-        cls, domain: Domain, order: int, ends: Ends, *, inflow: bool = True, plane_stress: Sequence[str] = (),
-        moved: Sequence[str] = (),
-    ) -> Unknowns:  # fmt: skip
-        """Return the unknowns of polynomial order k: m and w of order k and p of order k - 1.
-
-        Roller: the end faces slide in their plane; clamped: they are fixed; guided: they move along the axis alone;
-        free: they carry no load.
-        Bones are fixed; without bones, rollers leave the rigid motions in the plane free, and three components of
-        two points of the skin are held, which carry no force in balance.
+        cls, domain: Domain, order: int, conditions: Sequence[Condition], plane_stress: Sequence[str] = ()
+    ) -> Unknowns:
+        """Return the unknowns of polynomial order k: motion and velocity of order k and pressure of order k - 1.
 
         Args:
-            inflow: whether the velocity is prescribed on the inlet.
-            plane_stress: regions of a plane solid whose stretch across the plane is unknown.
-            moved: boundaries whose displacement is prescribed.
-
-        Raises:
-            CaseError: neither bones nor ends hold the segment, or a plane geometry is to have rollers.
+            conditions: say what is prescribed, and what numbers they add.
+            plane_stress: regions of a plane solid whose stretch across the plane is unknown. It is of the order of the
+                motion's gradient, which in linear elasticity it follows.
         """
-        fluid = domain.geometry.fluid
-        motion, held = _motion(domain, order, ends, moved)
-        if fluid is None:
-            return cls._of_solids(domain, order, motion, held, plane_stress)
-        held_at = "|".join([*(["inlet"] if inflow else []), *domain.geometry.rigid_names])
-        sticks = {"dirichlet": held_at} if held_at else {}
-        velocity = ng.VectorH1(domain.mesh, order=order, definedon=fluid, **sticks)
-        pressure = ng.H1(domain.mesh, order=order - 1, definedon=fluid)
-        inside = velocity.GetDofs(domain.materials(fluid))
-        if domain.has_boundary("interface"):
-            inside &= ~velocity.GetDofs(domain.boundaries("interface"))
-        space = ng.FESpace([motion, ng.Compress(velocity, inside), ng.Compress(pressure)])
-        in_m, in_w, in_p = (np.arange(space.Range(i).start, space.Range(i).stop) for i in range(3))
-        inner = same_functions(domain, space.components[1], space.components[0], domain.fluid)
-        if np.any(inner < 0):
-            raise RuntimeError("the space of the relative velocity has functions that the mesh motion lacks")
-        blocks = {"d": np.delete(in_m, inner), "w": in_w, "p": in_p, "e": in_m[inner]}
+        motion, held = _motion(domain, order, conditions)
+        parts: dict[str, Any] = {MOTION: motion}
+        masks = [held]
+        lumens = domain.lumens
+        if lumens:
+            given = [name for condition in conditions for name in condition.velocity_on()]
+            velocity, inside = _velocity(domain, order, given)
+            pressure = ng.H1(domain.mesh, order=order - 1, definedon=domain.materials(*lumens))
+            parts |= {VELOCITY: ng.Compress(velocity, inside), PRESSURE: ng.Compress(pressure)}
+            masks.append(_mask(velocity.FreeDofs())[_mask(inside)])
+        if plane_stress:
+            parts[STRETCH] = ng.Compress(ng.L2(domain.mesh, order=order - 1, definedon=domain.materials(*plane_stress)))
+        scales = {name: scale for condition in conditions for name, scale in condition.own_unknowns().items()}
+        parts |= {name: ng.NumberSpace(domain.mesh) for name in scales}
+        space = ng.FESpace(list(parts.values()))
+        place = {name: np.arange(space.Range(i).start, space.Range(i).stop) for i, name in enumerate(parts)}
+        none = np.zeros(0, dtype=np.int64)
+        blocks = {"d": place[MOTION], "w": none, "p": none, "e": none}
         equations = np.arange(space.ndof)
-        equations[blocks["w"]], equations[blocks["e"]] = blocks["e"], blocks["w"]
-        on_inlet = _mask(space.components[1].GetDofs(domain.boundaries("inlet"))) & inflow
-        solvable = np.concatenate([held, _mask(velocity.FreeDofs())[_mask(inside)], np.ones_like(in_p, dtype=bool)])
-        return cls(space, blocks, in_w[on_inlet], order, solvable, equations)
-
-    @classmethod
-    def _of_solids(cls, domain: Domain, order: int, motion: Any, held: Mask, plane_stress: Sequence[str]) -> Unknowns:
-        """Return the unknowns of solids alone, with a block s where there is plane stress.
-
-        The change of the stretch across the plane is of the order of grad m, which in linear elasticity it follows.
-        """
-        parts = [motion]
-        if plane_stress:
-            parts.append(ng.Compress(ng.L2(domain.mesh, order=order - 1, definedon=domain.materials(*plane_stress))))
-        space, none = ng.FESpace(parts), np.zeros(0, dtype=np.int64)
-        blocks = {"d": np.arange(motion.ndof), "w": none, "p": none, "e": none}
-        if plane_stress:
-            blocks["s"] = np.arange(motion.ndof, space.ndof)
-        free = np.concatenate([held, np.ones(space.ndof - motion.ndof, dtype=bool)])
-        return cls(space, blocks, none, order, free, np.arange(space.ndof))
+        on_opening = {}
+        if lumens:
+            inner = same_functions(domain, space.components[1], space.components[0], *lumens)
+            if np.any(inner < 0):
+                raise RuntimeError("the space of the relative velocity has functions that the mesh motion lacks")
+            blocks = {"d": np.delete(place[MOTION], inner), "w": place[VELOCITY], "p": place[PRESSURE],
+                      "e": place[MOTION][inner]}  # fmt: skip
+            equations[blocks["w"]], equations[blocks["e"]] = blocks["e"], blocks["w"]
+            for name in given:
+                on = _mask(space.components[1].GetDofs(domain.boundaries(name)))
+                on_opening[name] = place[VELOCITY][on]
+        if STRETCH in parts:
+            blocks["s"] = place[STRETCH]
+        blocks |= {name: place[name] for name in scales}
+        free = np.concatenate(masks)
+        solvable = np.concatenate([free, np.ones(space.ndof - len(free), dtype=bool)])
+        return cls(space, tuple(parts), blocks, on_opening, order, solvable, equations, scales)
 
     @property
     def size(self) -> int:
         """Number of unknowns, prescribed ones included."""
         return int(self.space.ndof)
+
+    def place(self, field: str) -> int:
+        """Return the number of a field among the components of the space."""
+        return self.fields.index(field)
+
+    def named(self, components: Sequence[Any]) -> dict[str, Any]:
+        """Return components of the space, or of a grid function or proxies of it, by the names of the fields."""
+        return dict(zip(self.fields, components, strict=True))
 
     def free(self, *names: str) -> Mask:
         """Mask of the unknowns to be solved for, of the named blocks or of all."""
@@ -136,47 +134,43 @@ class Unknowns:
         return mask
 
 
-def _motion(domain: Domain, order: int, ends: Ends, moved: Sequence[str] = ()) -> tuple[Any, Mask]:
+def _motion(domain: Domain, order: int, conditions: Sequence[Condition]) -> tuple[Any, Mask]:
     """Return the space of the motion, and which of its unknowns are free."""
-    rigid = list(domain.geometry.rigid_names)
-    there = [name for name in ENDS if domain.has_boundary(name)]
-    if ends in ("free", "guided") and not rigid and not moved:
-        raise CaseError(f"conditions.ends = '{ends}' leaves a segment without bones adrift: use 'roller' or 'clamped'")
-    if ends == "roller" and domain.mesh.dim == 2:
-        raise CaseError("conditions.ends = 'roller' is for segments in space: use 'clamped' or 'free' in the plane")
-    fixed = {"dirichlet": "|".join([*rigid, *moved, *(there if ends == "clamped" else [])])}
-    if ends == "roller":
-        fixed["dirichletz"] = "|".join(there)
-    if ends == "guided":
-        fixed |= dict.fromkeys(ACROSS_AXIS[domain.mesh.dim], "|".join(there))
-    motion = ng.VectorH1(domain.mesh, order=order, **{key: names for key, names in fixed.items() if names})
+    fixed: dict[str, list[str]] = {}
+    for condition in conditions:
+        for component, names in condition.fixes().items():
+            fixed.setdefault(component, []).extend(names)
+    options = {f"dirichlet{component}": "|".join(names) for component, names in fixed.items() if names}
+    motion = ng.VectorH1(domain.mesh, order=order, **options)
     free = _mask(motion.FreeDofs())
-    if ends == "roller" and not rigid:
-        free[_against_rigid_motion(domain, motion)] = False
+    for condition in conditions:
+        free[np.array(condition.points(motion), dtype=int)] = False
     return motion, free
 
 
-def same_functions(domain: Domain, part: Any, whole: Any, region: str) -> Numbers:
-    """Return for each unknown of a space of a region the one of another space with the same basis function, or -1."""
+def _velocity(domain: Domain, order: int, given: Sequence[str]) -> tuple[Any, Any]:
+    """Return the space of the relative velocity, and its unknowns that are not zero on an interface."""
+    held = "|".join([*given, *domain.geometry.rigid_names])
+    sticks = {"dirichlet": held} if held else {}
+    lumens = domain.materials(*domain.lumens)
+    velocity = ng.VectorH1(domain.mesh, order=order, definedon=lumens, **sticks)
+    inside = velocity.GetDofs(lumens)
+    walls = [v.interface for v in domain.vessels if v.lumen and domain.has_boundary(v.interface)]
+    if walls:
+        inside &= ~velocity.GetDofs(domain.boundaries(*walls))
+    return velocity, inside
+
+
+def same_functions(domain: Domain, part: Any, whole: Any, *regions: str) -> Numbers:
+    """Return for each unknown of a space of regions the one of another space with the same basis function, or -1."""
     same = np.full(part.ndof, -1)
-    for element in domain.materials(region).Elements():
+    for element in domain.materials(*regions).Elements():
         here, there = np.array(part.GetDofNrs(element)), np.array(whole.GetDofNrs(element))
         same[here[here >= 0]] = there[here >= 0]
     found = same[same >= 0]
     if len(np.unique(found)) < len(found):
-        raise RuntimeError(f"the functions of two spaces of '{region}' do not match")
+        raise RuntimeError(f"the functions of two spaces of {', '.join(regions)} do not match")
     return same
-
-
-def _against_rigid_motion(domain: Domain, motion: Any) -> list[int]:
-    """Return both components in the plane of one vertex of the skin, and one of that opposite, across their line."""
-    vertices = {v for element in domain.boundaries("skin").Elements() for v in element.vertices}
-    points = {v: np.array(domain.mesh[v].point) for v in vertices if abs(domain.mesh[v].point[2]) < SAME_HEIGHT}
-    first = min(points, key=lambda v: v.nr)
-    other = max(points, key=lambda v: float(np.linalg.norm(points[v] - points[first])))
-    along = points[other] - points[first]
-    across = 1 if abs(along[0]) > abs(along[1]) else 0
-    return [*motion.GetDofNrs(first)[:2], motion.GetDofNrs(other)[across]]
 
 
 def _mask(bits: Any) -> Mask:

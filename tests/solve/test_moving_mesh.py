@@ -16,7 +16,8 @@ import pytest
 from numpy.typing import NDArray
 
 from ngfsi.materials import Newtonian
-from ngfsi.system.forms import Integral, residual_form
+from ngfsi.physics.integrals import Integral
+from ngfsi.system.forms import residual_form
 from ngfsi.system.system import System
 from tests.slopes import apply
 from tests.vein import BONED, block, case_of, deformed, domain_of, position, randomise, rows

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
-from ngfsi.materials.law import Law
-from ngfsi.units import Density, Viscosity
+from ngfsi.materials.fluid.law import FluidLaw
+from ngfsi.units import Viscosity
 
 
-class Newtonian(Law):
+class Newtonian(FluidLaw):
     """sigma = -p I + mu (grad u + grad u^T), incompressible."""
 
     formula: ClassVar[str] = r"\sigma = -p I + \mu\,(\nabla u + \nabla u^T),\quad \nabla\cdot u = 0"
     source: ClassVar[str] = "G. K. Batchelor, An Introduction to Fluid Dynamics (1967), section 3.3"
 
     law: Literal["newtonian"] = "newtonian"
-    density: Density = Field(gt=0)
     viscosity: Viscosity = Field(gt=0)
+
+    def viscosity_at(self, _shear_rate: Any) -> float:
+        """Return the viscosity (Pa s)."""
+        return self.viscosity
+
+    def apparent_viscosity(self, _twice_D: Any) -> float:
+        """Return the viscosity (Pa s)."""
+        return self.viscosity
+
+    @property
+    def nominal_viscosity(self) -> float:
+        """The viscosity (Pa s)."""
+        return self.viscosity

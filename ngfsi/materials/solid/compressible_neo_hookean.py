@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from ngsolve import log
 
-from ngfsi.materials.law import IsotropicLaw, Pair
+from ngfsi.materials.solid.law import IsotropicLaw, Pair
 from ngfsi.materials.solid.linear import LinearAtRest
 from ngfsi.materials.solid.strain import Invariants
 

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from ngsolve import CoefficientFunction, Det, Id, InnerProduct, Inv, log
 
-from ngfsi.materials.law import Pair
+from ngfsi.materials.solid.law import Pair
 from ngfsi.materials.solid.linear import LinearAtRest
 from ngfsi.materials.solid.strain import right_cauchy_green
 

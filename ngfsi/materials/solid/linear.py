@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from pydantic import Field
 
-from ngfsi.materials.law import SolidLaw
 from ngfsi.materials.solid import moduli
+from ngfsi.materials.solid.law import SolidLaw
 from ngfsi.units import Pressure
 
 
 class LinearAtRest(SolidLaw):
     """A solid whose parameters are those of linear elasticity."""
+
+    isotropic: ClassVar[bool] = True
 
     young: Pressure = Field(gt=0)
     poisson: float = Field(gt=-1, lt=0.5)

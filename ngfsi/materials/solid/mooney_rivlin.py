@@ -6,7 +6,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ngfsi.materials.law import IsotropicLaw, Pair
+from ngfsi.materials.solid.law import IsotropicLaw, Pair
 from ngfsi.materials.solid.strain import Invariants
 from ngfsi.units import Pressure
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from ngfsi.materials.law import IsotropicLaw, Pair
+from ngfsi.materials.solid.law import IsotropicLaw, Pair
 from ngfsi.materials.solid.linear import LinearAtRest
 from ngfsi.materials.solid.strain import Invariants
 

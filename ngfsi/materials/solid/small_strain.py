@@ -2,37 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ngsolve import CoefficientFunction, Id, InnerProduct, Trace
 
-from ngfsi.materials.law import Pair, SolidLaw
+from ngfsi.errors import MaterialError
+from ngfsi.materials.solid.law import Pair, SolidLaw, SolidModel
 
 
-@dataclass(frozen=True)
-class SmallStrain:
+class SmallStrain(SolidModel):
     """W = K/2 tr(e)^2 + mu dev(e) : dev(e) with e the symmetric part of F - I (Landau and Lifshitz, vol. 7, section 4).
 
     Not objective: for comparison with linear elasticity on the undeformed shape.
     """
 
-    law: SolidLaw
+    def __init__(self, law: SolidLaw) -> None:
+        """Take the moduli of a law.
 
-    @property
-    def density(self) -> float:
-        """Mass per reference volume (kg/m3)."""
-        return self.law.density
+        Raises:
+            MaterialError: it has none.
+        """
+        if law.shear_modulus is None or law.bulk_modulus is None:
+            raise MaterialError(f"law '{law.law}' has no initial moduli for small strain: use strain = 'finite'")
+        self.density, self._shear, self._bulk = law.density, law.shear_modulus, law.bulk_modulus
 
-    def energy(self, F: CoefficientFunction) -> CoefficientFunction:
-        """Return the stored energy (J per m3 of reference volume) at F (3x3)."""
-        e = _strain(F)
-        return self.variation(F, e) / 2
+    def energies(self, F: CoefficientFunction) -> Pair:
+        """Return the stored energy (J per m3 of reference volume): of distortion, and of dilation."""
+        distortion, dilation = self.variations(F, _strain(F))
+        return distortion / 2, dilation / 2
 
     def variations(self, F: CoefficientFunction, H: CoefficientFunction) -> Pair:
         """Return the parts of `variation` of distortion and of dilation."""
         e = _strain(F)
-        distortion = 2 * self.law.shear_modulus * (e - Trace(e) / 3 * Id(3))
-        return InnerProduct(distortion, H), self.law.bulk_modulus * Trace(e) * Trace(H)
+        distortion = 2 * self._shear * (e - Trace(e) / 3 * Id(3))
+        return InnerProduct(distortion, H), self._bulk * Trace(e) * Trace(H)
 
     def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
         """Return sigma : H, the derivative of the energy at F in the direction H."""

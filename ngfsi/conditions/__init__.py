@@ -1,0 +1,27 @@
+"""What acts on the system: loads, openings, supports and prescribed motions, each one object of one protocol."""
+
+from ngfsi.conditions.condition import Condition, ConditionModel, OpeningModel, Setup, WithValue
+from ngfsi.conditions.force import BodyForce
+from ngfsi.conditions.openings import FlowOpening, FreeOpening, PressureOpening, ResistanceOpening
+from ngfsi.conditions.pressure import BloodReference, Cuff, PressureOn
+from ngfsi.conditions.supports import Ends, GivenMeshMotion, GivenVelocity, SkinMotion
+
+__all__ = [
+    "BloodReference",
+    "BodyForce",
+    "Condition",
+    "ConditionModel",
+    "Cuff",
+    "Ends",
+    "FlowOpening",
+    "FreeOpening",
+    "GivenMeshMotion",
+    "GivenVelocity",
+    "OpeningModel",
+    "PressureOn",
+    "PressureOpening",
+    "ResistanceOpening",
+    "Setup",
+    "SkinMotion",
+    "WithValue",
+]

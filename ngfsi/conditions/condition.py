@@ -1,0 +1,201 @@
+"""What acts on the system: one object for each load, opening, support and prescribed motion.
+
+A condition is given by a model, which a case file holds, or is made in Python. The system sums what its conditions
+contribute, and asks nothing else of them:
+
+    boundary conditions of the spaces   `fixes`, `velocity_on`, `own_unknowns`, before there are unknowns
+    integrals of the weak form          `integrals`, and `static_integrals` of the solids at rest
+    values of prescribed unknowns       `prescribed`, `prescribe`
+    course in time                      `update`, `accept`, and `state_arrays` for checkpoints and other ranks
+    what is said of it                  `sentence`; its power follows from its integrals (measure/energy.py)
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from ngsolve import Parameter
+from numpy.typing import NDArray
+
+from ngfsi.config.model import ConfigModel
+from ngfsi.materials.fluid.law import FluidLaw
+from ngfsi.mesh.domain import Domain
+from ngfsi.mesh.geometry import Vessel
+from ngfsi.physics.fields import Fields, Named
+from ngfsi.physics.integrals import Integral
+
+Vector = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a condition is attached to.
+
+    Attributes:
+        domain: the reference shape.
+        unknowns: of the system (`ngfsi.system.unknowns.Unknowns`).
+        order: polynomial order of displacement and velocity.
+        trial, test, state: by name of the field.
+        velocity_history: by name of the field; rate(y) = new_weight y + history.
+        fields: of the blood and the mesh, as functions of trial functions or of the state.
+        new_weight: of the new state in the rates (1/s); 0 at rest.
+        step: size of the step that is being taken (s); infinite at rest.
+        blood_density: kg/m3; grows to its value while the first steady flow is found.
+        references: by vessel what sets the reference pressure of its blood.
+        fluid: law of the blood; None: there is none.
+        stiffness: of the solids (Pa), as a scale.
+        small: whether strains are small, and loads act on the undeformed shape.
+        leads: whether this process has the integrals on boundaries.
+    """
+
+    domain: Domain
+    unknowns: Any
+    order: int
+    trial: Named
+    test: Named
+    state: Named
+    velocity_history: Named
+    fields: Callable[[Named], Fields]
+    new_weight: Parameter
+    step: Parameter
+    blood_density: Parameter
+    references: Mapping[str, WithValue]
+    fluid: FluidLaw | None
+    stiffness: float = 1.0
+    small: bool = False
+    leads: bool = True
+
+
+class Condition:
+    """Base of all conditions: one that does nothing.
+
+    Attributes:
+        name: distinguishes it from the others of a system.
+    """
+
+    name: str = ""
+
+    def fixes(self) -> Mapping[str, Sequence[str]]:
+        """Return the boundaries whose displacement is prescribed: "" for all components, or "x", "y", "z"."""
+        return {}
+
+    def points(self, _motion: Any) -> Sequence[int]:
+        """Return further unknowns of the space of the motion that are held at zero."""
+        return ()
+
+    def velocity_on(self) -> Sequence[str]:
+        """Return the openings on which the relative velocity is prescribed."""
+        return ()
+
+    def own_unknowns(self) -> Mapping[str, float]:
+        """Return the names of scalar unknowns of its own, and the scale against which their changes are judged (SI)."""
+        return {}
+
+    def excludes_blood(self) -> bool:
+        """Whether the blood's terms are left out of the equations of the solids (one-way coupling)."""
+        return False
+
+    def attach(self, setup: Setup) -> None:
+        """Take what it acts on; its integrals are asked for afterwards."""
+
+    def integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
+        """Return its terms of the weak form, internal minus external virtual work, on some elements or all (None)."""
+        return []
+
+    def blood_integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
+        """Return those of its terms that are part of the blood's balance of momentum."""
+        return []
+
+    def static_integrals(self, _m: Any, _v: Any) -> list[Integral]:
+        """Return its terms for the solids at rest, as functions of a motion m and its test function v."""
+        return []
+
+    def prescribed(self) -> Numbers:
+        """Return the numbers of the unknowns that it prescribes with values of their own, in the whole vector."""
+        return np.zeros(0, dtype=np.int64)
+
+    def prescribe(self, values: Vector) -> None:
+        """Write the values of the prescribed unknowns into a vector, for the present shape."""
+
+    def update(self, t: float, load_factor: float = 1.0) -> None:
+        """Take the value at time t (s), or a fraction of it (`load_factor`, from 0 to 1)."""
+
+    def accept(self) -> None:
+        """Take note that the present state is the end of an accepted step."""
+
+    def state_arrays(self) -> dict[str, Vector]:
+        """Return copies of all that it depends on beside case and state, for `restore_state`."""
+        return {}
+
+    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
+        """Take what `state_arrays` of an equal condition returned."""
+
+    def flow_scale(self) -> float:
+        """Return a flow (m3/s) that it drives, as a scale; 0: none."""
+        return 0.0
+
+    def pressure_scale(self) -> float:
+        """Return a pressure (Pa) that it puts on the blood, as a scale; 0: none."""
+        return 0.0
+
+    def sentence(self) -> str:
+        """Return what acts now, for reports and failures, e.g. "3333 Pa on the skin"; empty: nothing to be said."""
+        return ""
+
+
+class WithValue(Condition):
+    """A condition whose course in time is one number."""
+
+    def __init__(self, name: str, curve: Callable[[float], float]) -> None:
+        """Prepare; `curve`: value (SI) over time (s)."""
+        self.name, self.curve, self.value = name, curve, Parameter(0.0)
+
+    def update(self, t: float, load_factor: float = 1.0) -> None:
+        """Take the value at time t (s), or a fraction of it."""
+        self.value.Set(load_factor * self.curve(t))
+
+    def state_arrays(self) -> dict[str, Vector]:
+        """Return the present value."""
+        return {"value": np.array([self.value.Get()])}
+
+    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
+        """Take a value."""
+        self.value.Set(float(arrays["value"][0]))
+
+
+class ConditionModel(ConfigModel):
+    """A condition as a case file holds it; its `kind` is the name under which it is registered (`ngfsi.conditions`)."""
+
+    kind: str
+
+    @abstractmethod
+    def condition(self, domain: Domain, name: str) -> Condition:
+        """Return the condition.
+
+        Args:
+            name: given by the place in the case file.
+
+        Raises:
+            CaseError: it does not fit the geometry.
+        """
+
+
+class OpeningModel(ConfigModel):
+    """The condition at an opening as a case file holds it; registered by its `kind` (`ngfsi.openings`)."""
+
+    kind: str
+
+    @abstractmethod
+    def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:
+        """Return the condition at an opening of a vessel."""
+
+    def reference(self) -> Callable[[float], float] | None:
+        """Return a known pressure (Pa over s) of the blood here, relative to which the vessel's pressure is solved for;
+        None: there is none."""
+        return None

@@ -1,0 +1,139 @@
+"""Pressures on boundaries: on the skin, of cuffs, of the blood on walls and in holes of plane sections."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import pi
+from typing import Any, Self
+
+import ngsolve as ng
+from pydantic import Field, model_validator
+
+from ngfsi.conditions.condition import Setup, WithValue
+from ngfsi.config.functions import PressureCurve
+from ngfsi.config.model import ConfigModel
+from ngfsi.mesh.domain import Domain
+from ngfsi.mesh.geometry import Vessel
+from ngfsi.physics import terms
+from ngfsi.physics.fields import MOTION, PRESSURE
+from ngfsi.physics.integrals import Integral
+from ngfsi.physics.kinematics import Kinematics
+from ngfsi.units import Angle, Length
+
+SKIN = "skin"
+"""Boundary on which stockings and sleeves press."""
+
+
+class Cuff(ConfigModel):
+    """A pressure on a part of the skin, over time: of a stocking's zone, or of one chamber of a pneumatic sleeve.
+
+    It is whole inside the part, and falls smoothly to zero over `edge`, half of it outside.
+    """
+
+    pressure: PressureCurve
+    start: Length
+    """Height z where it begins, and `end`: where it ends, on the reference shape."""
+    end: Length
+    direction: Angle = 0.0
+    """Of its middle, around the axis of the segment from x (lateral) to y (anterior)."""
+    half_width: Angle | None = Field(default=None, gt=0, lt=pi)
+    """Angle from the middle to either side; None: all around."""
+    edge: Length = Field(default=5e-3, gt=0)
+
+    @model_validator(mode="after")
+    def _has_a_height(self) -> Self:
+        if self.end - self.start < self.edge:
+            raise ValueError(
+                f"a cuff from z = {self.start:g} m to {self.end:g} m is lower than its edge, {self.edge:g} m"
+            )
+        return self
+
+    def weight(self) -> Any:
+        """Return the fraction of its pressure that acts at a point of the skin."""
+        return terms.part_of_skin(self.start, self.end, self.edge, self.direction, self.half_width)
+
+
+class PressureOn(WithValue):
+    """A pressure on boundaries, normal to their deformed shape (Pa), times a function of place."""
+
+    def __init__(
+        self, name: str, domain: Domain, boundaries: tuple[str, ...], curve: Callable[[float], float],
+        weight: Any = None,
+    ) -> None:  # fmt: skip
+        super().__init__(name, curve)
+        self.boundaries, self._domain = boundaries, domain
+        self.pressure = self.value if weight is None else self.value * weight
+
+    @property
+    def on_skin(self) -> bool:
+        """Whether it acts on the skin."""
+        return self.boundaries == (SKIN,)
+
+    def attach(self, setup: Setup) -> None:
+        """Take what it acts on."""
+        self._setup = setup
+
+    def integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
+        """Return its virtual work."""
+        setup = self._setup
+        return self.static_integrals(setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
+
+    def static_integrals(self, m: Any, v: Any) -> list[Integral]:
+        """Return its virtual work for a motion and a test function."""
+        domain, grad_m = self._domain, ng.Grad(m)
+        if domain.mesh.dim == 3:
+            k = Kinematics(grad_m.Trace())
+            work = terms.follower_pressure(self.pressure, k, ng.specialcf.normal(3), v.Trace())
+            return [Integral([work], domain.ds(*self.boundaries))]
+        # around holes of the plane the normal is outward only as the elements' own
+        k = Kinematics(0 * grad_m if self._setup.small else grad_m)
+        integrand = terms.follower_pressure(self.pressure, k, ng.specialcf.normal(2), v)
+        return [Integral([integrand], domain.ds(*self.boundaries, skeleton=True))]
+
+    def sentence(self) -> str:
+        """Return what acts now."""
+        return f"{self.value.Get():.4g} Pa {self.name}"
+
+
+class BloodReference(WithValue):
+    """The reference pressure of a vessel's blood (Pa), which it exerts on the wall.
+
+    What is solved for is the pressure beyond it: so the rounding of 1,333 Pa is not in flows that 3 Pa drive, and no
+    flow is found at once. With one-way coupling it is all that the blood does to the solids.
+    """
+
+    def __init__(
+        self, vessel: Vessel, domain: Domain, curve: Callable[[float], float], *, one_way: bool = False
+    ) -> None:
+        super().__init__(f"blood {vessel.name}".strip(), curve)
+        self.vessel, self._domain, self._one_way = vessel, domain, one_way
+        self._acts = vessel.lumen is not None and domain.is_interface(vessel.interface)
+
+    def excludes_blood(self) -> bool:
+        """Whether the blood's own terms are left out of the equations of the solids."""
+        return self._one_way and self._acts
+
+    def attach(self, setup: Setup) -> None:
+        """Take what it acts on."""
+        self._setup = setup
+
+    def integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
+        """Return the virtual work of the reference pressure on the wall."""
+        setup = self._setup
+        return self._work(self.value, setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
+
+    def static_integrals(self, m: Any, v: Any) -> list[Integral]:
+        """Return the virtual work on the solids of the blood's whole pressure, held as it is."""
+        held = self.value if self._one_way else self.value + self._setup.state[PRESSURE]
+        return self._work(held, m, v)
+
+    def _work(self, pressure: Any, m: Any, v: Any) -> list[Integral]:
+        if not self._acts:
+            return []
+        k, out_of_blood = Kinematics(ng.Grad(m).Trace()), self._domain.outward_normal(self.vessel.lumen)
+        work = -terms.follower_pressure(pressure, k, out_of_blood, v.Trace())
+        return [Integral([work], self._domain.ds(self.vessel.interface))]
+
+    def pressure_scale(self) -> float:
+        """Return the pressure, where it loads solids."""
+        return abs(self.value.Get()) if self._acts else 0.0

@@ -1,0 +1,163 @@
+"""Laws of solids: a stored energy, bound to a region of a system.
+
+A law is one file with its parameters and its energy. Stress and tangent are not written anywhere: NGSolve
+differentiates the energy. The system asks a law for a `SolidModel` of each region (`bind`): the law itself where it is
+the same everywhere and remembers nothing, else a model that knows places, directions of fibres, internal variables.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import ngsolve as ng
+import numpy as np
+from ngsolve import CoefficientFunction, Cof, InnerProduct, Parameter
+from numpy.typing import NDArray
+from pydantic import Field
+
+from ngfsi.materials.law import Law
+from ngfsi.materials.solid import moduli
+from ngfsi.materials.solid.strain import Invariants, right_cauchy_green
+from ngfsi.units import Density
+
+Pair = tuple[CoefficientFunction, CoefficientFunction]
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a law is bound.
+
+    Attributes:
+        mesh: of the reference shape.
+        region: name of the solid.
+        order: polynomial order of the displacement.
+        F: deformation gradient (3x3) of the present state from the shape that is free of stress.
+        step: size of the step that is being taken (s); infinite at rest.
+    """
+
+    mesh: ng.Mesh
+    region: str
+    order: int
+    F: CoefficientFunction
+    step: Parameter
+
+
+class SolidModel(ABC):
+    """A hyperelastic or viscoelastic solid in one region, as the system uses it."""
+
+    density: float
+    """Mass per reference volume (kg/m3)."""
+
+    @abstractmethod
+    def energies(self, F: CoefficientFunction) -> Pair:
+        """Return two parts of the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3).
+
+        The second is what grows with the bulk modulus.
+        """
+
+    def energy(self, F: CoefficientFunction) -> CoefficientFunction:
+        """Return the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
+        return sum(self.energies(F))
+
+    def variations(self, F: CoefficientFunction, H: CoefficientFunction) -> Pair:
+        """Return the derivatives of the parts of the energy at F in the direction H; `variation` is their sum."""
+        strain = F.MakeVariable()
+        rest, bulk = self.energies(strain)
+        return rest.Diff(strain, H), bulk.Diff(strain, H)
+
+    def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
+        """Return P : H with the first Piola-Kirchhoff stress P, the derivative of the energy at F in the direction H.
+
+        Models with internal variables add their stress here and in `variations`.
+        """
+        strain = F.MakeVariable()
+        return self.energy(strain).Diff(strain, H)
+
+    def accept(self) -> None:  # noqa: B027 - most models remember nothing
+        """Take note that the present state is the end of an accepted step: internal variables take their new values."""
+
+    def state_arrays(self) -> dict[str, Vector]:
+        """Return copies of the internal variables, for `restore_state`."""
+        return {}
+
+    def restore_state(self, arrays: Mapping[str, Vector]) -> None:  # noqa: B027
+        """Take what `state_arrays` of an equal model returned."""
+
+
+class SolidLaw(Law, SolidModel):
+    """A law of solids."""
+
+    density: Density = Field(ge=0)
+    isotropic: ClassVar[bool] = False
+    """Whether the energy is one of the principal stretches alone: then its ellipticity is checked in a run."""
+
+    def bind(self, _place: Place) -> SolidModel:
+        """Return the model of a region."""
+        return self
+
+    @property
+    def shear_modulus(self) -> float | None:
+        """Initial shear modulus (Pa); None: the law has no such thing."""
+        return None
+
+    @property
+    def bulk_modulus(self) -> float | None:
+        """Initial bulk modulus (Pa); None: the law has no such thing."""
+        return None
+
+    @property
+    def youngs_modulus(self) -> float | None:
+        """Initial Young's modulus (Pa), where there are the others."""
+        return _of(moduli.young, self.shear_modulus, self.bulk_modulus)
+
+    @property
+    def poissons_ratio(self) -> float | None:
+        """Initial Poisson ratio, where there are moduli."""
+        return _of(moduli.poisson, self.shear_modulus, self.bulk_modulus)
+
+
+def _of(formula: Any, shear: float | None, bulk: float | None) -> float | None:
+    return None if shear is None or bulk is None else float(formula(shear, bulk))
+
+
+class IsotropicLaw(SolidLaw):
+    """A solid whose energy is one of the invariants I1 = tr C, I2 = (I1^2 - C : C)/2 and J = det F.
+
+    Only the energy's derivatives by three numbers are left to NGSolve then, and those of the invariants by F are
+    written here, for all laws (Holzapfel, Nonlinear Solid Mechanics, 2000, section 6.2): that more than halves the
+    time of the tissue's forms.
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    @abstractmethod
+    def energies_of(self, strain: Invariants) -> Pair:
+        """Return the parts of the stored energy (J per m3 of reference volume), as of `energies`."""
+
+    def energies(self, F: CoefficientFunction) -> Pair:
+        """Return the parts of the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
+        return self.energies_of(Invariants.of(F))
+
+    def variations(self, F: CoefficientFunction, H: CoefficientFunction) -> Pair:
+        """Return the derivatives of the parts of the energy at F in the direction H; `variation` is their sum."""
+        strain = Invariants.of(F)
+        rest, bulk = self.energies_of(strain)
+        return _variation(rest, strain, F, H), _variation(bulk, strain, F, H)
+
+    def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
+        """Return P : H, the derivative of the energy at F in the direction H."""
+        strain = Invariants.of(F)
+        return _variation(sum(self.energies_of(strain)), strain, F, H)
+
+
+def _variation(
+    W: CoefficientFunction, strain: Invariants, F: CoefficientFunction, H: CoefficientFunction
+) -> CoefficientFunction:
+    """Return P : H with P = 2 (W_1 + W_2 I1) F - 2 W_2 F C + W_J cof F."""
+    W1, W2, WJ = (W.Diff(invariant) for invariant in strain)
+    stress = 2 * (W1 + W2 * strain.I1) * F - 2 * W2 * (F * right_cauchy_green(F)) + WJ * Cof(F)
+    return InnerProduct(stress, H)
