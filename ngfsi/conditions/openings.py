@@ -55,8 +55,7 @@ class Opening(WithValue):
         return float(ng.Integrate(self.flux, self.domain.mesh))
 
     def _profile(self) -> GridFunction:
-        """Return developed flow into the vessel as a relative velocity, of unit mean in the reference shape but for a
-        factor: its unknowns on the opening alone are not zero."""
+        """Return developed flow into the vessel as a relative velocity, up to a factor; zero away from the opening."""
         geometry, field = self.domain.geometry, GridFunction(self._setup.unknowns.space)
         given = geometry.inflow() if self.opening == "inlet" else None
         if given is None:
@@ -64,6 +63,16 @@ class Opening(WithValue):
             given = face * profiles.inwards(self.domain, self.opening, self.lumen)
         self._set(field, given)
         return field
+
+    def _inflow_of(self, field: GridFunction) -> Any:
+        """Return the integral of the flow (m3/s) of a relative velocity through the moving opening, of either sign."""
+        motion, normal = Kinematics(ng.Grad(self._setup.state[MOTION])), ng.specialcf.normal(self.domain.mesh.dim)
+        measure = self.domain.ds(self.opening, bonus_intorder=2 * self._setup.order)
+        velocity = field.components[self._setup.unknowns.place(VELOCITY)]
+        return terms.relative_flux(motion, velocity, normal) * measure
+
+    def _size(self, flux: Any) -> float:
+        return abs(float(ng.Integrate(flux, self.domain.mesh)))
 
     def _set(self, field: GridFunction, velocity: Any) -> None:
         place = self._setup.unknowns.place(VELOCITY)
@@ -96,10 +105,7 @@ class GivenFlow(Opening):
         self._numbers = setup.unknowns.on_opening[self.opening]
         self._field = self._flat() if self._kind == "flat" else self._profile()
         self._shape = self._values(self._field)
-        place = setup.unknowns.place(VELOCITY)
-        motion, normal = Kinematics(ng.Grad(setup.state[MOTION])), ng.specialcf.normal(self.domain.mesh.dim)
-        measure = self.domain.ds(self.opening, bonus_intorder=2 * setup.order)
-        self._flux = terms.relative_flux(motion, self._field.components[place], normal) * measure
+        self._flux = self._inflow_of(self._field)
         self._wave: Callable[[float], Vector] | None = None
         if self._kind == "womersley":
             self._wave = self._oscillating()
@@ -134,7 +140,7 @@ class GivenFlow(Opening):
             for part in (face.real, face.imag):
                 self._set(self._field, part * inwards)
                 values.append(self._values(self._field))
-                flux.append(abs(float(ng.Integrate(self._flux, self.domain.mesh))))
+                flux.append(self._size(self._flux))
             signs = [np.sign(float(ng.Integrate(part * self.domain.ds(self.opening), self.domain.mesh)))
                      for part in (face.real, face.imag)]  # fmt: skip
             return values[0] + 1j * values[1], complex(signs[0] * flux[0], signs[1] * flux[1])
@@ -157,16 +163,13 @@ class GivenFlow(Opening):
         """Scale the profile to the deformed opening."""
         wanted = -self.value.Get() if self.outwards else self.value.Get()
         if self._wave is None:
-            values[self._numbers] = self._shape * (wanted / self._developed_flux())
+            values[self._numbers] = self._shape * (wanted / self._size(self._flux))
             return
         sign = -self._factor if self.outwards else self._factor
         waves = sign * self._wave(self._time)
         values[self._numbers] = waves
         left = wanted + self.outflow()
-        values[self._numbers] += self._shape * (left / self._developed_flux())
-
-    def _developed_flux(self) -> float:
-        return float(abs(ng.Integrate(self._flux, self.domain.mesh)))
+        values[self._numbers] += self._shape * (left / self._size(self._flux))
 
     def flow_scale(self) -> float:
         """Return the size of the present flow."""
@@ -194,12 +197,7 @@ class Traction(Opening):
         self._reference = setup.references[self.vessel.name].value
         if self.outwards:  # at an inlet blood is meant to enter with its energy
             self._back = self._profile()
-            area = self.domain.area(self.opening)
-            place = setup.unknowns.place(VELOCITY)
-            normal = ng.specialcf.normal(self.domain.mesh.dim)
-            flux = ng.InnerProduct(self._back.components[place], normal) * self.domain.ds(self.opening)
-            self._back.vec.data *= area / abs(float(ng.Integrate(flux, self.domain.mesh)))
-            self._area = area
+            self._back_flux = self._inflow_of(self._back)
 
     def pressure(self) -> Any:
         """Return the pressure beyond the reference of the vessel (Pa), as a function of the unknowns."""
@@ -232,12 +230,12 @@ class Traction(Opening):
         return traction + terms.backflow(setup.blood_density, k, f.velocity - entering, f.relative, normal, v)
 
     def prescribe(self, _values: Vector) -> None:
-        """Take the mean velocity with which blood comes back through an outlet."""
+        """Take the flow with which blood comes back through an outlet."""
         if self._back is not None:
-            self._entering.Set(max(0.0, -self.outflow()) / self._area)
+            self._entering.Set(max(0.0, -self.outflow()) / self._size(self._back_flux))
 
     def state_arrays(self) -> dict[str, Vector]:
-        """Return the present value, and the velocity with which blood comes back."""
+        """Return the present value, and the factor on the profile with which blood comes back."""
         return {"value": np.array([self.value.Get(), self._entering.Get()])}
 
     def restore_state(self, arrays: Mapping[str, Vector]) -> None:
