@@ -1,46 +1,78 @@
-"""Probe: all measurements of one state, each computed once."""
+"""Probe: all measurements of one state, each computed once, as far as the model has what they are of."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import Id, InnerProduct
+from ngsolve import InnerProduct
 
+from ngfsi.conditions import PressureOn
 from ngfsi.measure.deformation import Deformation
-from ngfsi.measure.sections import Sections
+from ngfsi.measure.plane import PlaneSectionProbe
+from ngfsi.measure.sections import STATIONS, Sections
 from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
 from ngfsi.measure.wall import ShearStatistics, Wall
-from ngfsi.mesh.geometry import Vein
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
 
 INTEGRATE = 5
 """Order of NGSolve's `Integrate` for a sum of integrals."""
+NO_SHEAR = ShearStatistics(0.0, 0.0, 0.0, 0.0)
 
 
-class Probe:
-    """Measurements of a system's state; `refresh` after each step."""
+class Integrals:
+    """Named integrals over the present state, each computed once; `forget` after each step."""
 
-    def __init__(self, system: System) -> None:
-        self.system = system
-        self.domain = system.domain
-        self.vein: Vein = system.case.geometry
-        self.fluid = self.vein.fluid
-        self.wall = Wall(system)
-        self.sections = Sections(system)
-        self.outlines = Sections(system, np.linspace(0.0, self.vein.length, system.case.output.stations))
-        self.deformation = Deformation(system)
-        self._sides = {name: Side(system, name) for name in system.solids}
-        self.load = WallLoad(system, self.sections.heights, self._sides["tissue"])
-        self.shear = self.consistent_shear = ShearStatistics(0.0, 0.0, 0.0, 0.0)
-        self._fields = system.fields()
-        self._motion = Kinematics(self._fields.grad_motion)
-        self._integrals = self._define()
+    def __init__(self, mesh: Any) -> None:
+        self._mesh = mesh
+        self._integrals: dict[str, Any] = {}
         self._known: dict[str, float] = {}
+
+    def define(self, **integrals: Any) -> None:
+        """Add integrals by name."""
+        self._integrals |= integrals
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._integrals
+
+    def __call__(self, name: str) -> float:
+        """Return a named integral, SI."""
+        if name not in self._known:
+            self._known[name] = float(ng.Integrate(self._integrals[name], self._mesh))
+        return self._known[name]
+
+    def forget(self) -> None:
+        """Take note of a new state."""
+        self._known.clear()
+
+
+class VesselProbe:
+    """Measurements of one vessel with blood in it, in 3-D.
+
+    Attributes:
+        sections: between which the flow and the causes of SAWSS are taken; `outlines`: those that are written.
+        load: pressures on the wall from inside and outside; None where there is no tissue around it.
+    """
+
+    def __init__(self, system: System, vessel: Vessel) -> None:
+        self.system, self.vessel, self.domain = system, vessel, system.domain
+        self.wall = Wall(system, vessel)
+        self.sections = Sections(system, vessel, STATIONS)
+        self.outlines = Sections(system, vessel, system.case.output.stations)
+        outside = system.domain.beyond(vessel)
+        faced = [name for name in (vessel.wall, outside) if name] if vessel.outer and outside else []
+        self._sides = {name: Side(system, name) for name in faced}
+        self.load = WallLoad(system, vessel, self.sections, self._sides[outside], outside) if faced else None
+        self.outside = outside
+        self.shear = self.consistent_shear = NO_SHEAR
+        self.integral = Integrals(self.domain.mesh)
+        self._define()
 
     def refresh(self) -> None:
         """Take the system's present state."""
@@ -48,61 +80,116 @@ class Probe:
             side.refresh()
         self.wall.refresh()
         self.sections.refresh(self.wall.field)
-        self.load.refresh()
+        if self.load:
+            self.load.refresh()
         self.shear = self.wall.statistics(self.system.case.output.low_shear)
         self.consistent_shear = self.wall.statistics(method="consistent")
-        self._known.clear()
+        self.integral.forget()
 
-    def given(self, condition: str) -> float:
-        """Return the present value of a condition (SI)."""
-        found: Any = self.system.conditions[condition]
-        return float(found.value.Get())
+    def inflow(self) -> float:
+        """Return the flow into the vessel through all inlets (m3/s)."""
+        return -sum(self.integral(f"flux {name}") for name in self.vessel.inlets)
 
-    def integral(self, name: str) -> float:
-        """Return a named integral of the present state (see `_define`), SI; computed once per state."""
-        if name not in self._known:
-            self._known[name] = float(ng.Integrate(self._integrals[name], self.domain.mesh))
-        return self._known[name]
+    def outflow(self) -> float:
+        """Return the flow out of the vessel through all outlets (m3/s)."""
+        return sum(self.integral(f"flux {name}") for name in self.vessel.outlets)
+
+    def mean_pressure(self, opening: str) -> float:
+        """Return the mean pressure of the blood over a deformed opening (Pa)."""
+        reference = float(self.system.reference(self.vessel.name).Get())
+        return self.integral(f"p*size {opening}") / self.integral(f"size {opening}") + reference
 
     def solid_pressure(self, region: str, side: str = "") -> float:
         """Return the mean of p = -tr(sigma)/3 (Pa) over the deformed region, or over its side of a boundary."""
         what = f"{region}@{side}" if side else region
         return self.integral(f"p*size {what}") / self.integral(f"size {side or region}")
 
-    def _define(self) -> dict[str, Any]:
-        dx, ds, fluid = self.domain.dx, self.domain.ds, self.fluid
-        k, f = self._motion, self._fields
-        order = self.system.unknowns.order
-        grad_rate = self.system.new_weight * f.grad_motion + ng.Grad(self.system.velocity_history.components[0])
-        normal = ng.specialcf.normal(3)
-        surface = Kinematics(f.grad_motion)
-        flux = terms.relative_flux(surface, f.relative, normal)
-        more = {"bonus_intorder": 2 * order}
+    def _define(self) -> None:
+        system, vessel = self.system, self.vessel
+        dx, ds, f, order = self.domain.dx, self.domain.ds, system.fields(), system.unknowns.order
+        k, normal = Kinematics(f.grad_motion), self.domain.outward_normal(vessel.lumen)
         # both are polynomials of at most this order on each element
         exact = 3 * max(order, self.domain.geometry.curving_order) - 1
         whole = {"bonus_intorder": max(exact - INTEGRATE, 0)}
-        integrals = {
-            "lumen volume": k.J * dx(fluid, **whole),
-            "lumen rate": InnerProduct(k.cof, grad_rate) * dx(fluid, **whole),
-            "flux inlet": flux * ds("inlet", **more),
-            "flux outlet": flux * ds("outlet", **more),
-        }
-        return integrals | self._pressures()
+        lumen = dx(str(vessel.lumen), **whole)
+        self.integral.define(**{
+            "lumen volume": k.J * lumen,
+            "lumen rate": InnerProduct(k.cof, f.grad_motion_rate) * lumen,
+        })  # fmt: skip
+        flux, size = terms.relative_flux(k, f.relative, normal), ng.Norm(k.cof * normal)
+        for name in vessel.openings:
+            over = ds(name, bonus_intorder=2 * order)
+            self.integral.define(**{f"flux {name}": flux * over, f"size {name}": size * over,
+                                    f"p*size {name}": f.pressure * size * over})  # fmt: skip
+        self._define_wall()
 
-    def _pressures(self) -> dict[str, Any]:
+    def _define_wall(self) -> None:
         """Integrals of the hydrostatic pressure: over the wall, and on both sides of its outer face."""
-        grad_d = ng.Grad(self.system.state.components[0])
-        k, normal = Kinematics(grad_d), ng.specialcf.normal(3)
-        relaxation = self.system.stress_free_gradient()
-        strain = Id(3) + grad_d if relaxation is None else (Id(3) + grad_d) * relaxation
-        integrals: dict[str, Any] = {}
-        outer = self.domain.ds("wall_outer")
+        system, wall, normal = self.system, self.vessel.wall, ng.specialcf.normal(3)
         for name, side in self._sides.items():
-            p = terms.hydrostatic_pressure(self.system.solids[name], side.strain)
-            area = ng.Norm(side.motion.cof * normal)
-            integrals[f"p*size {name}@wall_outer"] = (p * area).Compile() * outer
-        integrals["size wall_outer"] = area.Compile() * outer
-        p_wall = terms.hydrostatic_pressure(self.system.solids["wall"], strain).Compile()
-        integrals["p*size wall"] = (p_wall * k.J).Compile() * self.domain.dx("wall")
-        integrals["size wall"] = k.J * self.domain.dx("wall")
-        return integrals
+            p = terms.hydrostatic_pressure(system.solids[name], side.strain)
+            area, outer = ng.Norm(side.motion.cof * normal), self.domain.ds(str(self.vessel.outer))
+            self.integral.define(**{f"p*size {name}@outer": (p * area).Compile() * outer,
+                                    "size outer": area.Compile() * outer})  # fmt: skip
+        if wall:
+            k, within = Kinematics(ng.Grad(system.motion)), self.domain.dx(wall)
+            p = terms.hydrostatic_pressure(system.solids[wall], system.deformation_gradient()).Compile()
+            self.integral.define(**{f"p*size {wall}": (p * k.J).Compile() * within, f"size {wall}": k.J * within})
+
+
+class Probe:
+    """Measurements of a system's state; `refresh` after each step.
+
+    Attributes:
+        vessels: those with blood, in 3-D, by name.
+        plane: measures of a plane section; None in 3-D.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system, self.domain = system, system.domain
+        self.deformation = Deformation(system)
+        in_plane, vessels = system.domain.mesh.dim == 2, system.domain.vessels
+        self.vessels = {} if in_plane else {v.name: VesselProbe(system, v) for v in vessels if v.lumen}
+        self.plane = PlaneSectionProbe(system) if in_plane and not system.domain.lumens else None
+        self.integral = Integrals(system.domain.mesh)
+        self._pressing = [c for c in system.conditions.values() if isinstance(c, PressureOn) and c.on_skin]
+        if self._pressing:
+            self._define_skin()
+
+    def refresh(self) -> None:
+        """Take the system's present state."""
+        for vessel in self.vessels.values():
+            vessel.refresh()
+        self.integral.forget()
+
+    @property
+    def pressed(self) -> bool:
+        """Whether pressure acts on a skin."""
+        return bool(self._pressing)
+
+    def given(self, condition: str) -> float:
+        """Return the present value of a condition (SI)."""
+        found: Any = self.system.conditions[condition]
+        return float(found.value.Get())
+
+    def mean_skin_pressure(self) -> float:
+        """Return the mean of all pressures on the deformed skin, cuffs included (Pa)."""
+        return self.integral("p*size skin") / self.integral("size skin")
+
+    def largest_skin_pressure(self) -> float:
+        """Return the largest pressure at a quadrature point of the skin, cuffs included (Pa)."""
+        return float(np.max(self._pressure(self._skin_points)))
+
+    @cached_property
+    def _skin_points(self) -> Any:
+        order = 2 * self.system.unknowns.order
+        rules = {ng.ET.SEGM: ng.IntegrationRule(ng.SEGM, order), ng.ET.TRIG: ng.IntegrationRule(ng.TRIG, order),
+                 ng.ET.QUAD: ng.IntegrationRule(ng.QUAD, order)}  # fmt: skip
+        return self.domain.mesh.MapToAllElements(rules, self.domain.boundaries("skin"))
+
+    def _define_skin(self) -> None:
+        self._pressure = sum((c.pressure for c in self._pressing[1:]), start=ng.CF(self._pressing[0].pressure))
+        over = self.domain.ds("skin", bonus_intorder=2 * self.system.unknowns.order)
+        k = Kinematics(ng.Grad(self.system.motion))
+        size = ng.Norm(k.cof * ng.specialcf.normal(self.domain.mesh.dim))
+        self.integral.define(**{"p*size skin": self._pressure * size * over, "size skin": size * over})

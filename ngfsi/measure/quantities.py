@@ -1,16 +1,29 @@
-"""The columns of a run's time series: each quantity is one object from which column, label and meaning follow."""
+"""The columns of a run's time series: each quantity is one object from which column, label and meaning follow.
+
+Quantities are registered (`ngfsi.quantities`): a `Quantity` of the whole system, or of each vessel, or several of them in
+a tuple. Columns of a vessel other than the first begin with its name.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.measure.probe import Probe
+from ngfsi import registry
+from ngfsi.measure.probe import Probe, VesselProbe
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.shape import Shape
+
+GROUP = "ngfsi.quantities"
+
+
+def _always(_probe: Any) -> bool:
+    return True
 
 
 @dataclass(frozen=True)
@@ -21,144 +34,178 @@ class Quantity:
         name: as in the column, without unit.
         unit: suffix of the column, an SI unit; "1" for pure numbers.
         description: for table heads and plots.
-        evaluate: value of the present state.
+        evaluate: value of the present state, of a `Probe`, or of a `VesselProbe` if it is one `of_vessel`.
+        applies: whether the model has it.
+        of_vessel: whether each vessel has one.
     """
 
     name: str
     unit: str
     description: str
-    evaluate: Callable[[Probe], float]
+    evaluate: Callable[[Any], float]
+    applies: Callable[[Any], bool] = _always
+    of_vessel: bool = False
 
-    @property
-    def column(self) -> str:
-        """Name of the column in series.csv."""
-        return f"{self.name}_{self.unit}"
+    def column(self, vessel: str = "") -> str:
+        """Return the name of the column in series.csv."""
+        return f"{vessel}_{self.name}_{self.unit}" if vessel else f"{self.name}_{self.unit}"
 
 
-def _reynolds(probe: Probe) -> float:
-    blood = probe.system.blood
-    areas = probe.sections.areas
-    flows = np.abs(probe.sections.local_flows(_inflow(probe)))
+def row(probe: Probe) -> dict[str, float]:
+    """Return all quantities of the present state by column; refresh the probe first."""
+    return {column: evaluate() for column, evaluate in _columns(probe)}
+
+
+def _columns(probe: Probe) -> Iterator[tuple[str, Callable[[], float]]]:
+    for quantity in quantities(probe):
+        owners: dict[str, Any] = dict(probe.vessels) if quantity.of_vessel else {"": probe}
+        for name, owner in owners.items():
+            if quantity.applies(owner):
+                yield quantity.column(name), partial(quantity.evaluate, owner)
+
+
+def quantities(probe: Probe) -> list[Quantity]:
+    """Return all that are registered, and those of the regions, openings and outlines that a model has."""
+    found: list[Quantity] = []
+    for given in registry.everything(GROUP).values():
+        found += [given] if isinstance(given, Quantity) else list(given)
+    found += [_jacobian(region) for region in probe.domain.regions]
+    for vessel in probe.vessels.values():
+        found += [one for name in vessel.vessel.openings for one in _at_opening(vessel, name)]
+    if probe.plane:
+        found += [_enclosed(name) for name in probe.plane.outlines]
+    return found
+
+
+def _reynolds(p: VesselProbe) -> float:
+    blood, areas = p.system.blood, p.sections.areas
+    flows = np.abs(p.sections.local_flows(p.inflow()))
     diameters = np.sqrt(4 * areas / np.pi)
     return float(np.max(blood.density * flows / areas * diameters / blood.nominal_viscosity))
 
 
-def _developed(probe: Probe, flows: NDArray[np.float64], shape: Shape | None = None) -> float:
+def _developed(p: VesselProbe, flows: NDArray[np.float64], shape: Shape | None = None) -> float:
     """Return the SAWSS (Pa) of developed flow: 4 mu Q / (pi R^3), and for ellipses tau perimeter = G area with the
     pressure gradient G = 4 mu Q (a^2 + b^2) / (pi a^3 b^3)."""
-    sections, viscosity = probe.sections, probe.system.blood.nominal_viscosity
+    sections, viscosity = p.sections, p.system.blood.nominal_viscosity
     if shape is None:
         return sections.mean_over_wall(4 * viscosity * np.abs(flows) / (np.pi * (sections.areas / np.pi) ** 1.5))
     a, b = shape.major, shape.minor
     return sections.mean_over_wall(4 * viscosity * np.abs(flows) * (a**2 + b**2) / (a**2 * b**2 * shape.perimeter))
 
 
-def _inflow(probe: Probe) -> float:
-    return -probe.integral("flux inlet")
-
-
-def _along(name: str, unit: str, description: str, values: Callable[[Probe], NDArray[np.float64]]) -> list[Quantity]:
-    """Return a quantity at each station along the vein; `{}` in the description is its number."""
+def _along(
+    name: str, unit: str, description: str, values: Callable[[VesselProbe], NDArray[np.float64]],
+    applies: Callable[[Any], bool] = _always,
+) -> list[Quantity]:  # fmt: skip
+    """Return a quantity at each station along a vessel; `{}` in the description is its number."""
 
     def at(index: int) -> Quantity:
-        return Quantity(
-            f"{name}_z{index:02d}", unit, description.format(index), lambda probe: float(values(probe)[index])
-        )
+        return Quantity(f"{name}_z{index:02d}", unit, description.format(index),
+                        lambda probe: float(values(probe)[index]), applies, of_vessel=True)  # fmt: skip
 
     return [at(index) for index in range(STATIONS)]
 
 
+def _of_vessel(
+    name: str, unit: str, description: str, evaluate: Callable[[VesselProbe], float],
+    applies: Callable[[Any], bool] = _always,
+) -> Quantity:  # fmt: skip
+    return Quantity(name, unit, description, evaluate, applies, of_vessel=True)
+
+
 def _jacobian(region: str) -> Quantity:
-    return Quantity(
-        f"detF_min_{region}",
-        "1",
-        f"smallest volume ratio det F in {region}",
-        lambda probe: probe.deformation.smallest_jacobian(region),
-    )
+    return Quantity(f"detF_min_{region}", "1", f"smallest volume ratio det F in {region}",
+                    lambda probe: probe.deformation.smallest_jacobian(region))  # fmt: skip
 
 
-QUANTITIES: tuple[Quantity, ...] = (
-    Quantity("skin_pressure", "Pa", "pressure on the skin", lambda p: p.given("on the skin")),
-    Quantity("outlet_pressure", "Pa", "blood pressure at the outlet", lambda p: p.given("outlet")),
-    Quantity("lumen_volume", "m3", "volume of the lumen", lambda p: p.integral("lumen volume")),
-    Quantity(
-        "lumen_area_mean",
-        "m2",
-        "volume of the lumen over the length of the segment",
-        lambda p: p.integral("lumen volume") / p.vein.length,
-    ),
-    *_along(
-        "area",
-        "m2",
-        f"lumen area at station {{}} of 0 (inlet) to {STATIONS - 1} (outlet)",
-        lambda p: p.sections.areas,
-    ),
-    Quantity("sawss", "Pa", "wall shear stress, mean over the deformed wall", lambda p: p.shear.mean),
-    Quantity("wss_min", "Pa", "smallest wall shear stress", lambda p: p.shear.smallest),
-    Quantity("wss_max", "Pa", "largest wall shear stress", lambda p: p.shear.largest),
-    Quantity("wss_low_area", "1", "share of the wall's area with low wall shear stress", lambda p: p.shear.low),
+def _at_opening(vessel: VesselProbe, name: str) -> list[Quantity]:
+    """Return flow and mean pressure of an opening; the flow of a single inlet or outlet is `flow_in`, `flow_out`."""
+    openings = vessel.vessel
+    sign = -1.0 if name in openings.inlets else 1.0
+    alone = len(openings.inlets) == len(openings.outlets) == 1
+    pressure = Quantity(f"pressure_{name}", "Pa", f"pressure of the blood, mean over the opening '{name}'",
+                        lambda _: vessel.mean_pressure(name))  # fmt: skip
+    flow = Quantity(f"flow_{name}", "m3_s", f"flow through '{name}', in the direction of inlet or outlet",
+                    lambda _: sign * vessel.integral(f"flux {name}"))  # fmt: skip
+    return [pressure] if alone else [pressure, flow]
+
+
+def _enclosed(name: str) -> Quantity:
+    def area(probe: Probe) -> float:
+        assert probe.plane is not None
+        return probe.plane.enclosed_area(name)
+
+    return Quantity(f"{name}_area", "m2", f"area inside of the outline '{name}'", area)
+
+
+def _given_outlet(p: VesselProbe) -> float:
+    condition: Any = p.system.conditions[p.vessel.outlets[0]]
+    return float(condition.given_pressure())
+
+
+def _has_given_outlet(p: VesselProbe) -> bool:
+    return hasattr(p.system.conditions[p.vessel.outlets[0]], "given_pressure")
+
+
+def _has_load(p: VesselProbe) -> bool:
+    return p.load is not None
+
+
+def _has_wall(p: VesselProbe) -> bool:
+    return p.vessel.wall is not None
+
+
+def _pressed(p: Probe) -> bool:
+    return p.pressed
+
+
+SYSTEM: tuple[Quantity, ...] = (
+    Quantity("skin_pressure", "Pa", "pressure everywhere on the skin, without cuffs",
+             lambda p: p.given("on the skin"), _pressed),
+    Quantity("skin_pressure_mean", "Pa", "pressure on the skin, cuffs included, mean over its area",
+             lambda p: p.mean_skin_pressure(), _pressed),
+    Quantity("skin_pressure_max", "Pa", "largest pressure on the skin, cuffs included",
+             lambda p: p.largest_skin_pressure(), _pressed),
+    Quantity("displacement_max", "m", "largest displacement of the solids",
+             lambda p: p.deformation.largest_displacement(), lambda p: bool(p.system.solids)),
+)  # fmt: skip
+
+VESSEL: tuple[Quantity, ...] = (
+    _of_vessel("outlet_pressure", "Pa", "blood pressure at the outlet", _given_outlet, _has_given_outlet),
+    _of_vessel("lumen_volume", "m3", "volume of the lumen", lambda p: p.integral("lumen volume")),
+    _of_vessel("lumen_area_mean", "m2", "volume of the lumen over the length of the vessel",
+               lambda p: p.integral("lumen volume") / p.sections.length),
+    *_along("area", "m2", f"lumen area at station {{}} of 0 (inlet) to {STATIONS - 1} (outlet)",
+            lambda p: p.sections.areas),
+    _of_vessel("sawss", "Pa", "wall shear stress, mean over the deformed wall", lambda p: p.shear.mean),
+    _of_vessel("wss_min", "Pa", "smallest wall shear stress", lambda p: p.shear.smallest),
+    _of_vessel("wss_max", "Pa", "largest wall shear stress", lambda p: p.shear.largest),
+    _of_vessel("wss_low_area", "1", "fraction of the wall's area with low wall shear stress", lambda p: p.shear.low),
     *_along("wss", "Pa", "wall shear stress, mean around station {}", lambda p: p.sections.shears),
-    *_along("p_blood", "Pa", "pressure of the blood on the axis at station {}", lambda p: p.load.blood),
-    *_along(
-        "p_transmural",
-        "Pa",
-        "pressure of the blood less that of the tissue on the wall (normal traction), at station {}",
-        lambda p: p.load.blood - p.load.tissue,
-    ),
-    Quantity(
-        "sawss_consistent",
-        "Pa",
-        "SAWSS from the balance of momentum instead of the gradient of the velocity",
-        lambda p: p.consistent_shear.mean,
-    ),
-    Quantity(
-        "sawss_poiseuille_inlet",
-        "Pa",
-        "SAWSS of developed flow with the same local area and the flow of the inlet",
-        lambda p: _developed(p, np.full_like(p.sections.areas, _inflow(p))),
-    ),
-    Quantity(
-        "sawss_poiseuille_local",
-        "Pa",
-        "SAWSS of developed flow with the same local area and flow",
-        lambda p: _developed(p, p.sections.local_flows(_inflow(p))),
-    ),
-    Quantity(
-        "sawss_ellipse_local",
-        "Pa",
-        "SAWSS of developed flow in ellipses with the same local area, axes and flow",
-        lambda p: _developed(p, p.sections.local_flows(_inflow(p)), Shape.of(p.sections)),
-    ),
-    Quantity(
-        "p_tissue_side",
-        "Pa",
-        "hydrostatic pressure at the outer face of the vein wall, tissue side",
-        lambda p: p.solid_pressure("tissue", "wall_outer"),
-    ),
-    Quantity(
-        "p_wall_side",
-        "Pa",
-        "hydrostatic pressure at the outer face of the vein wall, wall side",
-        lambda p: p.solid_pressure("wall", "wall_outer"),
-    ),
-    Quantity("p_wall_mean", "Pa", "hydrostatic pressure, mean over the vein wall", lambda p: p.solid_pressure("wall")),
-    Quantity("flow_in", "m3_s", "flow through the inlet", _inflow),
-    Quantity("flow_out", "m3_s", "flow through the outlet", lambda p: p.integral("flux outlet")),
-    Quantity("lumen_volume_rate", "m3_s", "rate of the lumen's volume", lambda p: p.integral("lumen rate")),
-    Quantity(
-        "mass_defect",
-        "m3_s",
-        "rate of the lumen's volume + outflow - inflow",
-        lambda p: p.integral("lumen rate") + p.integral("flux outlet") + p.integral("flux inlet"),
-    ),
-    Quantity("reynolds", "1", "largest Reynolds number of the sections", _reynolds),
-    Quantity(
-        "displacement_max", "m", "largest displacement of the solids", lambda p: p.deformation.largest_displacement()
-    ),
-    *(_jacobian(name) for name in ("tissue", "wall", "fluid")),
-)
-
-
-def row(probe: Probe) -> dict[str, float]:
-    """Return all quantities of the present state by column; refresh the probe first."""
-    return {quantity.column: quantity.evaluate(probe) for quantity in QUANTITIES}
+    *_along("p_blood", "Pa", "pressure of the blood on the axis at station {}", lambda p: p.sections.blood),
+    *_along("p_transmural", "Pa", "pressure of the blood less that of the tissue on the wall (normal traction), at "
+            "station {}", lambda p: p.sections.blood - p.load.tissue, _has_load),  # type: ignore[union-attr]
+    _of_vessel("sawss_consistent", "Pa", "SAWSS from the balance of momentum instead of the gradient of the velocity",
+               lambda p: p.consistent_shear.mean),
+    _of_vessel("sawss_poiseuille_inlet", "Pa",
+               "SAWSS of developed flow with the same local area and the flow of the inlet",
+               lambda p: _developed(p, np.full_like(p.sections.areas, p.inflow()))),
+    _of_vessel("sawss_poiseuille_local", "Pa", "SAWSS of developed flow with the same local area and flow",
+               lambda p: _developed(p, p.sections.local_flows(p.inflow()))),
+    _of_vessel("sawss_ellipse_local", "Pa",
+               "SAWSS of developed flow in ellipses with the same local area, axes and flow",
+               lambda p: _developed(p, p.sections.local_flows(p.inflow()), Shape.of(p.sections))),
+    _of_vessel("p_tissue_side", "Pa", "hydrostatic pressure at the outer face of the vein wall, tissue side",
+               lambda p: p.solid_pressure(str(p.outside), "outer"), _has_load),
+    _of_vessel("p_wall_side", "Pa", "hydrostatic pressure at the outer face of the vein wall, wall side",
+               lambda p: p.solid_pressure(str(p.vessel.wall), "outer"), _has_load),
+    _of_vessel("p_wall_mean", "Pa", "hydrostatic pressure, mean over the vein wall",
+               lambda p: p.solid_pressure(str(p.vessel.wall)), _has_wall),
+    _of_vessel("flow_in", "m3_s", "flow through the inlet", lambda p: p.inflow()),
+    _of_vessel("flow_out", "m3_s", "flow through the outlet", lambda p: p.outflow()),
+    _of_vessel("lumen_volume_rate", "m3_s", "rate of the lumen's volume", lambda p: p.integral("lumen rate")),
+    _of_vessel("mass_defect", "m3_s", "rate of the lumen's volume + outflow - inflow",
+               lambda p: p.integral("lumen rate") + p.outflow() - p.inflow()),
+    _of_vessel("reynolds", "1", "largest Reynolds number of the sections", _reynolds),
+)  # fmt: skip
