@@ -17,7 +17,7 @@ import tomli_w
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ngfsi.case.geometries import find_builder, path_of
+from ngfsi.case.geometries import find_geometry, is_geometry, name_of
 from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.config.messages import key_error
 from ngfsi.config.model import ConfigModel
@@ -28,19 +28,18 @@ from ngfsi.units import MMHG, Angle, Length, Pressure, Time
 
 
 def _build_geometry(value: Any, info: ValidationInfo) -> Any:
-    """Return the geometry that a table with the import path of its builder under `type` describes."""
-    if isinstance(value, ConfigModel) and hasattr(value, "netgen_mesh"):
+    """Return the geometry that a table with its name under `type` describes."""
+    if is_geometry(type(value)):
         return value
     if not isinstance(value, dict):
-        text = 'a table with type = an import path such as "ngfsi_geometry.calf:CalfSegment"'
-        raise PydanticCustomError("table", "{text}", {"text": text})
+        raise PydanticCustomError("table", "{text}", {"text": 'a table with type = a name such as "calf"'})
     if not isinstance(value.get("type"), str):
-        raise key_error("type", 'is missing: write an import path such as "ngfsi_geometry.calf:CalfSegment"')
+        raise key_error("type", 'is missing: write the name of a geometry such as "calf"')
     try:
-        builder = find_builder(value["type"])
+        geometry = find_geometry(value["type"])
     except GeometryError as error:
         raise key_error("type", f"cannot be used: {error}") from None
-    return builder.model_validate({key: v for key, v in value.items() if key != "type"}, context=info.context)
+    return geometry.model_validate({key: v for key, v in value.items() if key != "type"}, context=info.context)
 
 
 PARTS_OF_TISSUE = ("fat", "anterior", "lateral", "superficial_posterior", "deep_posterior")
@@ -231,7 +230,7 @@ class Case(ConfigModel):
 
     name: str
     geometry: Annotated[Any, BeforeValidator(_build_geometry)]
-    """A builder from the package `geometry`, a ConfigModel; what else it offers is the business of Domain."""
+    """A registered ConfigModel; what else it offers is the business of Domain."""
     materials: Materials
     loads: Loads
     conditions: Conditions = Conditions()
@@ -306,7 +305,7 @@ class Case(ConfigModel):
     def to_toml_dict(self) -> dict[str, Any]:
         """Return plain tables, lists and scalars with SI keys, from which `from_dict` gives an equal case."""
         written = super().to_toml_dict()
-        written["geometry"] = {"type": path_of(type(self.geometry)), **written["geometry"]}
+        written["geometry"] = {"type": name_of(type(self.geometry)), **written["geometry"]}
         return written
 
     def to_toml(self) -> str:
