@@ -15,15 +15,14 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
-from importlib import import_module
-from importlib.util import find_spec
+from functools import cache
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Annotated, Any
 
 import typer
 
-from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, needs_clone, unknown
+from ngfsi import registry
+from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError
 from ngfsi.parallel.ranks import Ranks, all_ranks, launched
 from ngfsi.units import seconds
 
@@ -57,6 +56,18 @@ class Level(StrEnum):
     fine = "fine"
 
 
+def _load(plugins: list[str] | None) -> None:
+    registry.load(plugins or ())
+
+
+Plugin = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--plugin", metavar="FILE.py", callback=_load, show_default=False,
+        help="Python file with geometries, laws or conditions of the case; may be given again.",
+    ),
+]  # fmt: skip
+"""For every command that reads cases; what is done with it is done before the command begins."""
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the results.", show_default=False)]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 MaxWall = Annotated[
@@ -75,6 +86,7 @@ def run(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; may be given again."),
     ] = None,
+    _: Plugin = None,
 ) -> None:
     """Compute a case.
 
@@ -101,6 +113,7 @@ def resume(
     folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
     quiet: Quiet = False,
     max_wall: MaxWall = None,
+    _: Plugin = None,
 ) -> None:
     """Go on with a run that was stopped or killed.
 
@@ -122,6 +135,7 @@ def study(
     output: Output = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute again what failed.")] = False,
     quiet: Quiet = False,
+    _: Plugin = None,
 ) -> None:
     """Compute the cases of a study and report.
 
@@ -131,7 +145,7 @@ def study(
 
     Example: ngfsi study compare_tissues --level paper
     """
-    compute = find_study(name)
+    compute = registry.find("ngfsi.studies", name, "study", OutputError)
     folder = output or Path("runs") / f"{name}-{level.value}"
     if retry_failed:
         from ngfsi.study import forget_failed
@@ -149,7 +163,7 @@ def verify(
         list[str] | None, typer.Argument(help="Benchmarks; default all.", metavar="[NAME]...", show_default=False)
     ] = None,
     level: Annotated[Thoroughness, typer.Option(help="Minutes, or hours with finer levels.")] = Thoroughness.ci,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of verification.md.")] = Path("docs"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of verification.md.")] = Path("runs/verify"),
     quiet: Quiet = False,
 ) -> None:
     """Hold ngfsi against exact solutions and published values.
@@ -213,41 +227,6 @@ def bench(
 
 
 @app.command()
-def register(
-    fixed: Annotated[Path, typer.Argument(help="Image before: NIfTI, NRRD, or a folder with a DICOM series.")],
-    moving: Annotated[Path, typer.Argument(help="Image after.")],
-    number: Annotated[int, typer.Option("--slice", help="Number of the slice, from 0, distal.")],
-    moving_number: Annotated[
-        int | None, typer.Option("--moving-slice", help="Of the image after; default the same.", show_default=False)
-    ] = None,
-    control_mm: Annotated[float, typer.Option(min=1, help="Distance of the B-splines' control points [mm].")] = 25.0,
-    output: Annotated[Path, typer.Option("--output", "-o", help="CSV file to write.")] = Path("skin.csv"),
-) -> None:
-    """Find the motion of the skin between two images.
-
-    Of a slice of label maps or grey images, by B-splines. The file is a condition of plane sections:
-    skin_displacement = { file = "skin.csv" }.
-
-    Example: ngfsi register before.nii.gz after.nii.gz --slice 12 -o skin.csv
-    """
-    from ngfsi.store.table import write_rows
-    from ngfsi.units import from_si, to_si
-
-    if find_spec("ngfsi_geometry") is None:
-        raise OutputError(needs_clone("readers of images"))
-    images = import_module("ngfsi_geometry.registering")
-    before = images.slice_of(fixed, number)
-    after = images.slice_of(moving, number if moving_number is None else moving_number)
-    found = images.register_slices(before, after, to_si(control_mm, "mm"))
-    write_rows(output, found.rows())
-    rms, largest = (from_si(gap, "mm") for gap in images.gap_to(found, after.skin))
-    typer.echo(
-        f"The motion of the skin is in '{output}'; moved so, it lies {rms:.2f} mm (rms) and at most {largest:.2f} mm "
-        "beside the skin in the image after"
-    )
-
-
-@app.command()
 def materials() -> None:
     """List the parameter sets of materials.
 
@@ -262,6 +241,7 @@ def materials() -> None:
 @app.command()
 def info(
     folder: Annotated[Path | None, typer.Argument(help="Folder of a run.", metavar="RUN", show_default=False)] = None,
+    _: Plugin = None,
 ) -> None:
     """Show a run, or this installation.
 
@@ -276,7 +256,7 @@ def info(
 
 
 @app.command()
-def cite(folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")]) -> None:
+def cite(folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")], _: Plugin = None) -> None:
     """Print what to cite for a run, and how to repeat it.
 
     Of methods and materials only those that it used.
@@ -300,6 +280,7 @@ def export(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write; default in RUN/export.", show_default=False)
     ] = None,
+    _: Plugin = None,
 ) -> None:
     """Write the fields at one time for other programs.
 
@@ -317,7 +298,8 @@ def export(
 @app.command()
 def animate(
     folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="GIF or MP4 to write.")] = Path("vein.gif"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="GIF or MP4 to write.")] = Path("runs/vein.gif"),
+    _: Plugin = None,
 ) -> None:
     """Draw the vein over time, as a GIF or MP4.
 
@@ -336,14 +318,15 @@ def animate(
 @app.command()
 def report(
     folders: Annotated[list[Path], typer.Argument(help="Folders of runs.", metavar="RUN...")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("report.html"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("runs/report.html"),
     claims: Annotated[
         Path | None,
-        typer.Option(help="Printed numbers in TOML; default those of the source study.", show_default=False),
+        typer.Option(help="Printed numbers in TOML; default those of the studies.", show_default=False),
     ] = None,
     figures: Annotated[
         Path | None, typer.Option(help="Folder for the charts as SVG and PNG.", metavar="FOLDER", show_default=False)
     ] = None,
+    _: Plugin = None,
 ) -> None:
     """Show runs in one HTML file.
 
@@ -355,14 +338,19 @@ def report(
     from ngfsi.report.html import report as write
     from ngfsi.store.disk import explained
 
-    chosen = claims or Path(__file__).parents[1] / "studies" / "ngfsi_studies" / "source_claims.toml"
-    printed: dict[str, Any] = {}
-    if claims or chosen.exists():
-        with explained(chosen, "read"):
-            printed = tomllib.loads(chosen.read_text(encoding="utf-8"))
+    if claims:
+        with explained(claims, "read"):
+            printed = tomllib.loads(claims.read_text(encoding="utf-8"))
+    else:
+        found = registry.everything("ngfsi.claims", "function that returns printed numbers").values()
+        printed = {key: value for claims_of in found for key, value in claims_of().items()}
     typer.echo(f"The report is '{write(folders, output, printed)}'")
     if figures:
         typer.echo(f"{len(draw(folders, figures))} figures are in '{figures}'")
+
+
+OWN = ("run", "resume", "study", "verify", "bench", "materials", "info", "cite", "export", "animate", "report")
+"""The commands above; others are registered by packages."""
 
 
 def parse_change(text: str) -> tuple[str, Any]:
@@ -397,22 +385,6 @@ def _point_to(folder: Path, quiet: bool) -> None:
         typer.echo(
             f"The results are in '{folder}': see them with `ngfsi info {folder}`, or {folder}/volume.pvd in ParaView"
         )
-
-
-def find_study(name: str) -> Any:
-    """Return the function `study` of the module of that name in the package `studies`.
-
-    Raises:
-        OutputError: there is no such study, or no clone around the engine to hold studies.
-    """
-    if find_spec("ngfsi_studies") is None:
-        raise OutputError(needs_clone("studies"))
-    package = import_module("ngfsi_studies")
-    modules = [info.name for info in iter_modules(package.__path__)]
-    if name in modules and (compute := getattr(import_module(f"ngfsi_studies.{name}"), "study", None)):
-        return compute
-    known = [module for module in modules if hasattr(import_module(f"ngfsi_studies.{module}"), "study")]
-    raise OutputError(unknown("study", name, known))
 
 
 @contextmanager
@@ -451,9 +423,12 @@ def main(arguments: list[str] | None = None) -> None:
         _serve(ranks)
         sys.exit(0)
     ranks.workers_ready = True
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        _refuse_ranks(ranks, sys.argv[1:] if arguments is None else arguments)
-        app(arguments)
+        _refuse_ranks(ranks, given)
+        if next(iter(given), "--help") not in OWN:
+            _add_commands()
+        app(given)
     except NgfsiError as error:
         _say(str(error))
         sys.exit(error.exit_code)
@@ -462,6 +437,13 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(1)
     finally:
         ranks.shutdown()
+
+
+@cache
+def _add_commands() -> None:
+    """Add the commands that packages register, which are loaded only if none of those above is asked for."""
+    for name, function in registry.everything("ngfsi.commands", "command").items():
+        app.command(name)(function)
 
 
 def _serve(ranks: Ranks) -> None:

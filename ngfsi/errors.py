@@ -76,11 +76,6 @@ def suggestion(given: str, known: Iterable[str]) -> str:
     return f"did you mean '{folded[near[0]]}'? " if near else ""
 
 
-def needs_clone(what: str) -> str:
-    """Return the sentence for things that are not in the installed package."""
-    return f"the {what} are not installed: they work from a clone of the project, installed with pip -e"
-
-
 def unknown(what: str, given: str, known: Iterable[str]) -> str:
     """Return the sentence for an unknown name: what it is, the nearest known one and all known ones."""
     names = sorted(known)

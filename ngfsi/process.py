@@ -1,9 +1,9 @@
 """Child processes: functions that may crash, hang or be killed are called in a Python of their own.
 
-    python -m ngfsi.process MODULE:FUNCTION ARGUMENT...
+    python -m ngfsi.process [--plugin PLUGIN]... MODULE:FUNCTION ARGUMENT...
 
 calls a function of a module with texts and ends with the number that it returns, 0 for None. What it refuses or fails
-at is one sentence, the last line on standard error.
+at is one sentence, the last line on standard error. It knows by name what this process knows (see `registry`).
 """
 
 from __future__ import annotations
@@ -16,14 +16,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ngfsi import registry
 from ngfsi.errors import Interrupted, NgfsiError
 
 INTERRUPTED = 130
+PLUGIN = "--plugin"
 
 
 def command(function: str, *arguments: str | Path) -> list[str]:
     """Return the command that calls `function`, e.g. "ngfsi.mesh.generate:main", with texts."""
-    return [sys.executable, "-m", "ngfsi.process", function, *map(str, arguments)]
+    known = (text for plugin in registry.plugins() for text in (PLUGIN, plugin))
+    return [sys.executable, "-m", "ngfsi.process", *known, function, *map(str, arguments)]
 
 
 def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -62,11 +65,14 @@ def last_line(said: str, otherwise: str) -> str:
     return (said.strip().splitlines() or [otherwise])[-1]
 
 
-def main(function: str, *arguments: str) -> int:
+def main(*arguments: str) -> int:
     """Call a function of a module; return the exit code."""
-    module, _, name = function.partition(":")
     try:
-        return int(getattr(import_module(module), name)(*arguments) or 0)
+        while arguments[0] == PLUGIN:
+            registry.load(arguments[1:2])
+            arguments = arguments[2:]
+        module, _, name = arguments[0].partition(":")
+        return int(getattr(import_module(module), name)(*arguments[1:]) or 0)
     except (NgfsiError, Interrupted) as error:
         print(error, file=sys.stderr)
         return error.exit_code

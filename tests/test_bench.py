@@ -75,7 +75,7 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
         pid, stderr = 1, type("Pipe", (), {"read": staticmethod(lambda: "")})()
 
         def __init__(self, command: list[str], env: dict[str, str], **_: Any) -> None:
-            ran.append(Case.from_toml(command[4]))
+            ran.append(Case.from_toml(command[-2]))
             assert env["NGS_NUM_THREADS"] == env["MKL_NUM_THREADS"] == "7"
 
     ran: list[Case] = []

@@ -11,7 +11,7 @@ import pytest
 from ngfsi_geometry.calf import CalfSegment
 
 from ngfsi.case import Case, Loads, Materials, TimeStepping
-from ngfsi.case.geometries import available_builders, find_builder, path_of
+from ngfsi.case.geometries import find_geometry, name_of
 from ngfsi.config.functions import PressureConstant, PressureRamp, PressureTable
 from ngfsi.errors import CaseError, GeometryError, MaterialError
 from ngfsi.materials import Hencky, MooneyRivlin, load_set
@@ -20,7 +20,7 @@ TEXT = """
 name = "demo"
 
 [geometry]
-type = "ngfsi_geometry.calf:CalfSegment"
+type = "calf"
 lumen_diameter_mm = 11.1
 
 [materials]
@@ -155,10 +155,11 @@ def test_an_override_may_use_any_unit() -> None:
         ("name", "a/b", "name: 'a/b' cannot name a folder"),
         ("name", "..", "name: '..' cannot name a folder"),
         ("name", 3, "name = 3 is not accepted: text in quotes is wanted"),
-        ("geometry", 3, "geometry = 3 is not accepted: a table with type = an import path such as"),
-        ("geometry.type", None, "'geometry.type' is missing: write an import path such as"),
-        ("geometry.type", "ngfsi_geometry.calf:Calf",
-         "'geometry.type' cannot be used: 'ngfsi_geometry.calf:Calf' is not a known"),
+        ("geometry", 3, "geometry = 3 is not accepted: a table with type = a name such as \"calf\""),
+        ("geometry.type", None, "'geometry.type' is missing: write the name of a geometry such as \"calf\""),
+        ("geometry.type", "clf", "'geometry.type' cannot be used: 'clf' is not a known geometry: did you mean 'calf'?"),
+        ("geometry.type", "geometry.calf:CalfSegment", "'geometry.type' cannot be used: geometries are named, not "
+         "imported by 'geometry.calf:CalfSegment': write type = \"calf\""),
         ("geometry.lumen_diameter_mm", -3, "geometry.lumen_diameter_mm = -3 is not accepted: a number greater than 0"),
         ("geometry.lumen_diametr_mm", 3, "'geometry.lumen_diametr_mm' is not a known key: did you mean 'lumen_d"),
         ("geometry.lumen_diameter", 3, "'geometry.lumen_diameter' needs its unit in the key: write 'lumen_diameter_m'"),
@@ -228,21 +229,32 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         Case.from_toml(file)
 
 
-def test_builders_are_found_by_path() -> None:
-    assert find_builder("ngfsi_geometry.calf:CalfSegment") is CalfSegment
-    assert path_of(CalfSegment) == "ngfsi_geometry.calf:CalfSegment"
-    assert "ngfsi_geometry.calf:CalfSegment" in available_builders()
+def test_geometries_are_found_by_name() -> None:
+    assert find_geometry("calf") is CalfSegment
+    assert name_of(CalfSegment) == "calf"
+
+    class Nameless(CalfSegment):
+        pass
+
+    with pytest.raises(GeometryError, match=r"Nameless has no name in case files: write @register\("):
+        name_of(Nameless)
 
 
 @pytest.mark.parametrize(
-    "path",
-    ["os:system", "geometry.calf", "ngfsi_geometry.calf:", "geometry:CalfSegment", "ngfsi_geometry.calf:csg",
-     "ngfsi_geometry.none:A",
-     "ngfsi_geometry.calf.x:A", "ngfsi_geometry.calf:CalfSegment.x", "ngfsi_geometry.segment:MeshSettings"],
+    "old", ["geometry.labelled:LabelledCalf", "ngfsi_geometry.labelled:LabelledCalf", "elsewhere:LabelledCalf"]
+)
+def test_old_import_paths_are_told_the_name(old: str) -> None:
+    with pytest.raises(GeometryError, match=r"not imported by '.*': write type = \"labelled_calf\"$"):
+        find_geometry(old)
+
+
+@pytest.mark.parametrize(
+    "name", ["", "os:system", "geometry.calf", "ngfsi_geometry.calf:", "ngfsi_geometry.calf:csg", "CalfSegment",
+             "ngfsi_geometry.none:A", "ngfsi_geometry.segment:MeshSettings", "mooney_rivlin"],
 )  # fmt: skip
-def test_paths_that_lead_to_no_builder(path: str) -> None:
-    with pytest.raises(GeometryError, match=r"is not a known geometry: .*ngfsi_geometry.calf:CalfSegment"):
-        find_builder(path)
+def test_names_of_no_geometry(name: str) -> None:
+    with pytest.raises(GeometryError, match=r"is not a known geometry: .*known are .*bare_tube"):
+        find_geometry(name)
 
 
 def test_a_case_is_not_changed_by_reading(case: Case) -> None:

@@ -198,13 +198,6 @@ def test_export(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert target.stat().st_size > 1000
 
 
-def test_studies_without_a_clone(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cli, "find_spec", lambda _: None)
-    code, _, err = ngfsi_(capsys, "study", "compare_tissues")
-    assert code == 2
-    assert "they work from a clone of the project" in err
-
-
 def test_study(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     import ngfsi_studies.compare_tissues
 

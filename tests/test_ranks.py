@@ -107,9 +107,10 @@ def mpirun(ranks: int, *arguments: str, before: str = "") -> subprocess.Complete
         f"{before}\nfrom ngfsi.cli import main\nmain()"
     )
     command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(ranks), interpreter(), "-c", code]
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "NGFSI_GEOMETRY": "tests"}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    plugin = ["--plugin", str(ROOT / "tests" / "vein.py")] if arguments else []
     return subprocess.run(
-        [*command, *arguments], env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
+        [*command, *arguments, *plugin], env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,27 +11,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ngfsi import cli
-from ngfsi.errors import OutputError
+from ngfsi import cli, registry
 from ngfsi.verify import Benchmark, Reference, Result, Setting, Signals, VerificationError
 from ngfsi.verify import engine as verify
 from ngfsi.verify.page import FOLDER, write_page
 
 
-@pytest.mark.parametrize("name", verify.benchmarks())
+@pytest.mark.parametrize("name", registry.names(verify.GROUP))
 def test_benchmark(name: str) -> None:
-    result = verify.verify(name, verify.benchmarks()[name], "ci")
+    result = verify.verify(name, verify.chosen([name])[name], "ci")
     failed = [(row.series, row.quantity, row.error, row.order) for row in result.rows if not row.passed]
     assert not failed
-    module = verify.benchmarks()[name]
+    module = verify.chosen([name])[name]
     wanted = {r.quantity for r in module.REFERENCES if any(r.holds(series) for series in module.LEVELS["ci"])}
     assert {row.quantity for row in result.rows} == wanted
 
 
-@pytest.mark.parametrize("name", verify.benchmarks())
+@pytest.mark.parametrize("name", registry.names(verify.GROUP))
 def test_benchmark_is_complete(name: str) -> None:
     """What the full level lists has a tolerance, and refines."""
-    module = verify.benchmarks()[name]
+    module = verify.chosen([name])[name]
     assert set(module.LEVELS) == {"ci", "full"}
     for series in module.LEVELS.values():
         for label, settings in series.items():
@@ -125,7 +126,11 @@ def test_signals(tmp_path: Path) -> None:
 
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(verify, "benchmarks", lambda: {"good": fake(), "bad": fake(value=6.0)})
+    modules = {f"fake_{name}": fake(value=value) for name, value in (("good", 5.0), ("bad", 6.0))}
+    entries = [EntryPoint(name.removeprefix("fake_"), name, verify.GROUP) for name in modules]
+    monkeypatch.setattr(registry, "installed", lambda group: entries if group == verify.GROUP else [])
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
 
     def code(*arguments: str) -> int:
         with pytest.raises(SystemExit) as ended:
@@ -139,12 +144,3 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest
     assert "1 of 2 benchmarks pass." in (tmp_path / "verification.md").read_text(encoding="utf-8")
     assert code("goof") == 2
     assert "'goof' is not a known benchmark: did you mean 'good'?" in capsys.readouterr().err
-
-
-def test_without_a_clone(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(_name: str) -> None:
-        raise ModuleNotFoundError
-
-    monkeypatch.setattr(verify, "import_module", missing)
-    with pytest.raises(OutputError, match="the benchmarks are not installed"):
-        verify.benchmarks()

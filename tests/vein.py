@@ -20,6 +20,7 @@ from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean, Newtonian, load_set
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.generate import MeshReport, quiet
+from ngfsi.registry import register
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System
@@ -36,6 +37,7 @@ COARSE = MeshSettings(axial_layers=1, far_size=20e-3, vein_size=6e-3, lumen_radi
 """Ten triangles around the lumen and two rings of tissue: for identities that hold on any mesh."""
 
 
+@register("ngfsi.geometries", "boned_tube")
 class BonedTube(TubeSegment):
     """A tube with a bone beside the vein: held by it when its ends slide on rollers, and not symmetric."""
 

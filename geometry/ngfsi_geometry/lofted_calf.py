@@ -91,7 +91,7 @@ class Stack:
 
 
 class CalfLoft(ConfigModel):
-    """Calf segment through outlines; regions and boundaries as of ngfsi_geometry.calf:CalfSegment."""
+    """Calf segment through outlines; regions and boundaries as of the geometry calf."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
     solids: ClassVar[tuple[str, ...]] = CalfSegment.solids

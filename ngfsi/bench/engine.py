@@ -1,7 +1,7 @@
 """Benchmarks of speed: whole runs as processes of their own, by turns, so that both meet the same moods of the machine.
 
 What counts are ratios to the baseline; seconds, which are stored beside, are of one machine on one day. The named
-cases and variants are in `ngfsi_studies.speed`.
+cases and variants are in modules registered in the group `ngfsi.bench`.
 """
 
 from __future__ import annotations
@@ -10,21 +10,19 @@ import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import ngsolve as ng
 import numpy as np
 from rich.table import Table
 
-from ngfsi import process
+from ngfsi import process, registry
 from ngfsi.case import Case
-from ngfsi.errors import OutputError, SolverError, needs_clone, unknown
+from ngfsi.errors import OutputError, SolverError, unknown
 from ngfsi.linear.backends import choose_backend
 from ngfsi.measure.deformation import Deformation
 from ngfsi.mesh.domain import Domain
@@ -268,17 +266,16 @@ def march(case_file: str, folder: str) -> None:
     results.finish("completed")
 
 
-def named(kind: str, names: Sequence[str]) -> dict[str, Any]:
-    """Return the named CASES or VARIANTS of `ngfsi_studies.speed`; without names the SHORT cases, no variants.
+def named(kind: Literal["CASES", "VARIANTS"], names: Sequence[str]) -> dict[str, Any]:
+    """Return the named CASES or VARIANTS of the modules in `ngfsi.bench`; without names their SHORT cases, no variants.
 
     Raises:
-        OutputError: there is no clone around the engine, or a name is unknown.
+        OutputError: a name is unknown.
     """
-    if find_spec("ngfsi_studies") is None:
-        raise OutputError(needs_clone("cases"))
-    speed = import_module("ngfsi_studies.speed")
-    known: dict[str, Any] = getattr(speed, kind)
+    modules = registry.everything("ngfsi.bench", "module with cases and variants").values()
+    known = {name: one for module in modules for name, one in getattr(module, kind).items()}
     for name in names:
         if name not in known:
             raise OutputError(unknown("case" if kind == "CASES" else "variant", name, known))
-    return {name: known[name] for name in names or (speed.SHORT if kind == "CASES" else ())}
+    short = [name for module in modules for name in module.SHORT] if kind == "CASES" else []
+    return {name: known[name] for name in names or short}

@@ -17,54 +17,60 @@ import tomli_w
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ngfsi.case.geometries import find_builder, path_of
+from ngfsi import registry
+from ngfsi.case.geometries import find_geometry, is_geometry, name_of
 from ngfsi.conditions import (
     ConditionModel,
     Cuff,
     FlowOpening,
-    FreeOpening,
     OpeningModel,
     PressureOpening,
-    ResistanceOpening,
 )
 from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.config.messages import key_error
-from ngfsi.config.model import ConfigModel, choose_tagged
-from ngfsi.errors import CaseError, GeometryError
+from ngfsi.config.model import ConfigModel
+from ngfsi.errors import CaseError, GeometryError, NgfsiError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.mesh.geometry import vessels_of
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.units import MMHG, Pressure, Time
 
 
-def _openings(value: Any, info: ValidationInfo) -> Any:
-    """Return the conditions that tables by the names of openings describe."""
-    if not isinstance(value, dict):
+def _registered(value: Any, info: ValidationInfo, group: str, base: type[ConfigModel]) -> Any:
+    """Return the condition of a group that a table with its name under `kind` describes."""
+    if isinstance(value, base):
         return value
-    return {name: choose_tagged(one, info, "kind", OPENINGS, OpeningModel) for name, one in value.items()}
+    if not isinstance(value, dict) or "kind" not in value:
+        text = f"a table with kind = one of {', '.join(registry.names(group)) or 'those that a plugin registers'}"
+        raise PydanticCustomError("table", "{text}", {"text": text})
+    try:
+        model = registry.find(group, str(value["kind"]), "kind")
+    except NgfsiError as error:
+        raise key_error("kind", f"has an unknown value: {error}") from None
+    return model.model_validate(value, context=info.context)
 
 
-def _conditions(value: Any, info: ValidationInfo) -> Any:
-    """Return the conditions that a list of tables describes."""
-    if not isinstance(value, (list, tuple)):
-        return value
-    return tuple(choose_tagged(one, info, "kind", (), ConditionModel) for one in value)
+def _opening(value: Any, info: ValidationInfo) -> Any:
+    return _registered(value, info, "ngfsi.openings", OpeningModel)
+
+
+def _condition(value: Any, info: ValidationInfo) -> Any:
+    return _registered(value, info, "ngfsi.conditions", ConditionModel)
 
 
 def _build_geometry(value: Any, info: ValidationInfo) -> Any:
-    """Return the geometry that a table with the import path of its builder under `type` describes."""
-    if isinstance(value, ConfigModel) and hasattr(value, "netgen_mesh"):
+    """Return the geometry that a table with its name under `type` describes."""
+    if is_geometry(type(value)):
         return value
     if not isinstance(value, dict):
-        text = 'a table with type = an import path such as "ngfsi_geometry.calf:CalfSegment"'
-        raise PydanticCustomError("table", "{text}", {"text": text})
+        raise PydanticCustomError("table", "{text}", {"text": 'a table with type = a name such as "calf"'})
     if not isinstance(value.get("type"), str):
-        raise key_error("type", 'is missing: write an import path such as "ngfsi_geometry.calf:CalfSegment"')
+        raise key_error("type", 'is missing: write the name of a geometry such as "calf"')
     try:
-        builder = find_builder(value["type"])
+        geometry = find_geometry(value["type"])
     except GeometryError as error:
         raise key_error("type", f"cannot be used: {error}") from None
-    return builder.model_validate({key: v for key, v in value.items() if key != "type"}, context=info.context)
+    return geometry.model_validate({key: v for key, v in value.items() if key != "type"}, context=info.context)
 
 
 def kind_of(region: str) -> str:
@@ -72,7 +78,6 @@ def kind_of(region: str) -> str:
     return re.sub(r"_\d+$", "", region)
 
 
-OPENINGS = (FlowOpening, PressureOpening, FreeOpening, ResistanceOpening)
 PARTS_OF_TISSUE = ("fat", "anterior", "lateral", "superficial_posterior", "deep_posterior")
 """Regions that are of the material of the tissue unless they have their own."""
 
@@ -118,10 +123,10 @@ class Loads(ConfigModel):
     """Pressure at the inlet, from which the flow follows; then `inlet_flow` is without effect."""
     outlet_pressure: PressureCurve = PressureConstant(value=10 * MMHG)
     """Blood pressure at the outlet; in the veins of a plane section, which have no flow, all of it."""
-    openings: Annotated[dict[str, OpeningModel], BeforeValidator(_openings)] = Field(default_factory=dict)
+    openings: dict[str, Annotated[OpeningModel, BeforeValidator(_opening)]] = Field(default_factory=dict)
     """Name of an opening -> its condition, in place of the short forms above, which are those of `inlet` and `outlet`.
     """
-    further: Annotated[tuple[ConditionModel, ...], BeforeValidator(_conditions)] = ()
+    further: tuple[Annotated[ConditionModel, BeforeValidator(_condition)], ...] = ()
     """Whatever else acts: conditions by the `kind` under which they are registered."""
 
     def opening(self, name: str) -> OpeningModel | None:
@@ -260,7 +265,7 @@ class Case(ConfigModel):
 
     name: str
     geometry: Annotated[Any, BeforeValidator(_build_geometry)]
-    """A builder from the package `geometry`, a ConfigModel; what else it offers is the business of Domain."""
+    """A registered ConfigModel; what else it offers is the business of Domain."""
     materials: Materials
     loads: Loads
     conditions: Conditions = Conditions()
@@ -335,7 +340,7 @@ class Case(ConfigModel):
     def to_toml_dict(self) -> dict[str, Any]:
         """Return plain tables, lists and scalars with SI keys, from which `from_dict` gives an equal case."""
         written = super().to_toml_dict()
-        written["geometry"] = {"type": path_of(type(self.geometry)), **written["geometry"]}
+        written["geometry"] = {"type": name_of(type(self.geometry)), **written["geometry"]}
         return written
 
     def to_toml(self) -> str:

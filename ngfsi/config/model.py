@@ -11,7 +11,7 @@ by the section's `refusal`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
@@ -173,29 +173,21 @@ def si_key(cls: type[ConfigModel], name: str) -> str:
 
 def tagged(tag: str, *classes: type[ConfigModel]) -> BeforeValidator:
     """Return the pydantic annotation that reads a table as the one of `classes` whose tag it carries."""
-
-    def choose(value: Any, info: ValidationInfo) -> Any:
-        return choose_tagged(value, info, tag, classes)
-
-    return BeforeValidator(choose)
-
-
-def choose_tagged(
-    value: Any, info: ValidationInfo, tag: str, classes: Sequence[type[ConfigModel]],
-    base: type[ConfigModel] | None = None,
-) -> Any:  # fmt: skip
-    """Return the model of the class that the table's tag names; instances of the classes, or of `base`, pass."""
-    if isinstance(value, base or tuple(classes)):
-        return value
     by_tag = {cls.model_fields[tag].default: cls for cls in classes}
     accepted = ", ".join(f"'{name}'" for name in by_tag)
-    if not isinstance(value, Mapping):
-        raise PydanticCustomError("table", "{text}", {"text": f"a table with {tag} = one of {accepted}"})
-    if tag not in value:
-        raise key_error(tag, f"is missing: write one of {accepted}")
-    if not isinstance(value[tag], str) or value[tag] not in by_tag:
-        raise key_error(tag, f"has an unknown value: {unknown(tag, str(value[tag]), by_tag)}")
-    return by_tag[value[tag]].model_validate(value, context=info.context)
+
+    def choose(value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, classes):
+            return value
+        if not isinstance(value, Mapping):
+            raise PydanticCustomError("table", "{text}", {"text": f"a table with {tag} = one of {accepted}"})
+        if tag not in value:
+            raise key_error(tag, f"is missing: write one of {accepted}")
+        if not isinstance(value[tag], str) or value[tag] not in by_tag:
+            raise key_error(tag, f"has an unknown value: {unknown(tag, str(value[tag]), by_tag)}")
+        return by_tag[value[tag]].model_validate(value, context=info.context)
+
+    return BeforeValidator(choose)
 
 
 def _dimension(annotation: Any, metadata: list[Any] | tuple[Any, ...] = ()) -> str | None:

@@ -4,7 +4,6 @@ from ngfsi.materials.fluid.newtonian import Newtonian
 from ngfsi.materials.from_case import FluidMaterial, SolidMaterial
 from ngfsi.materials.law import Law
 from ngfsi.materials.parameter_sets import ParameterSet, available_sets, load_set, read_set
-from ngfsi.materials.registry import FLUID_LAWS, SOLID_LAWS
 from ngfsi.materials.solid.compressible_neo_hookean import CompressibleNeoHookean
 from ngfsi.materials.solid.hencky import Hencky
 from ngfsi.materials.solid.law import SolidLaw
@@ -14,8 +13,6 @@ from ngfsi.materials.solid.saint_venant_kirchhoff import SaintVenantKirchhoff
 from ngfsi.materials.table import Row, table
 
 __all__ = [
-    "FLUID_LAWS",
-    "SOLID_LAWS",
     "CompressibleNeoHookean",
     "FluidMaterial",
     "Hencky",

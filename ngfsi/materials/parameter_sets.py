@@ -13,12 +13,14 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from ngfsi import registry
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import MaterialError, unknown
 from ngfsi.materials.law import Law
-from ngfsi.materials.registry import laws
 from ngfsi.units import Pressure
 
+SOLIDS, FLUIDS = "ngfsi.solid_laws", "ngfsi.fluid_laws"
+"""Groups of the registry, in which laws have the names of their tag `law`."""
 FOLDER = files("ngfsi.materials") / "sets"
 STATED = "stated_"
 
@@ -62,11 +64,10 @@ def read_set(name: str) -> ParameterSet:
     data = tomllib.loads(file.read_text(encoding="utf-8"))
     try:
         title, source, remark = (data.pop(key) for key in ("title", "source", "remark"))
-        law = laws()[data["law"]]
+        tag = data["law"]
     except KeyError as error:
-        raise MaterialError(
-            f"{file.name}: title, source, remark and a known law are needed, not found: {error}"
-        ) from None
+        raise MaterialError(f"{file.name}: title, source, remark and law are needed, not found: {error}") from None
+    law = registry.find(FLUIDS if tag in registry.names(FLUIDS) else SOLIDS, tag, "law", MaterialError)
     claims = {key: data.pop(key) for key in list(data) if key.startswith(STATED)}
     return ParameterSet(
         name=name,

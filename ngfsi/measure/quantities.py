@@ -1,6 +1,6 @@
 """The columns of a run's time series: each quantity is one object from which column, label and meaning follow.
 
-Quantities are registered (`ngfsi.quantities`): a `Quantity` of the whole system, or of each vessel, or several of them in
+Quantities are registered (`ngfsi.quantities`): a `Quantity` of the system or of each vessel, or several of them in
 a tuple. Columns of a vessel other than the first begin with its name.
 """
 
@@ -67,7 +67,7 @@ def _columns(probe: Probe) -> Iterator[tuple[str, Callable[[], float]]]:
 def quantities(probe: Probe) -> list[Quantity]:
     """Return all that are registered, and those of the regions, openings and outlines that a model has."""
     found: list[Quantity] = []
-    for given in registry.everything(GROUP).values():
+    for given in registry.everything(GROUP, "quantity").values():
         found += [given] if isinstance(given, Quantity) else list(given)
     found += [_jacobian(region) for region in probe.domain.regions]
     for vessel in probe.vessels.values():

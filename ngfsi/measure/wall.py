@@ -4,7 +4,7 @@ gradient: tangential part of mu (L + L^T) n, from the trace of the velocity's gr
 consistent: the traction that the blood's momentum balance lacks when tested with motions of the wall, as a field on the
 wall (Gresho, Lee and Sani, IJNMF 4, 1984; Melbo and Kvamsdal, CMAME 192, 2003), its tangential part.
 
-studies/verification/wall_shear.py measures both. On hexahedra the gradient is the better one in tubes that narrow, by a
+The benchmark wall_shear measures both. On hexahedra the gradient is the better one in tubes that narrow, by a
 factor of 1.2 to 2; on prisms, and with order 3 in an oval tube, the consistent one is, by a factor of 1 to 4. A run
 reports `METHOD`, and the mean of the other beside it: their difference tells how fine the mesh is.
 """

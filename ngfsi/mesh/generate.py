@@ -2,7 +2,8 @@
 
 Mesh generators can crash or hang for unlucky dimensions. The geometry therefore meshes in a child process,
 which writes a file; when it dies or takes too long the geometry's next way is tried. A mesh that is kept is stored
-under a hash of the geometry, of the Python files beside the module that defines it and of the NGSolve version.
+under a hash of the geometry, of the Python files that define its class and those that it inherits from, and of the
+NGSolve version.
 """
 
 from __future__ import annotations
@@ -201,12 +202,21 @@ def content_key(geometry: Geometry) -> str | None:
     """Return the hash under which the mesh is cached, or None when the source of the geometry cannot be read."""
     cls = type(geometry)
     try:
-        beside = Path(inspect.getfile(cls)).parent
-        sources = [path.read_bytes() for path in sorted(beside.glob("*.py"))]
+        sources = [path.read_bytes() for path in sorted(_sources(cls))]
     except (OSError, TypeError):
         return None
     content = f"{cls.__module__}:{cls.__qualname__} {geometry!r} ngsolve {ngsolve.__version__}"
     return hashlib.sha256(b"\0".join([content.encode(), *sources])).hexdigest()[:32]
+
+
+def _sources(cls: type) -> set[Path]:
+    """Return the Python files of a class and the geometries it inherits from: all of a package, or a single file."""
+    found: set[Path] = set()
+    for base in cls.__mro__:
+        if hasattr(base, "netgen_mesh"):
+            file = Path(inspect.getfile(base))
+            found |= set(file.parent.glob("*.py")) if "." in base.__module__ else {file}
+    return found
 
 
 def _read_cached(folder: Path) -> tuple[Any, MeshReport] | None:

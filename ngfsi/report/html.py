@@ -47,7 +47,7 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
     Args:
         folders: of the runs.
         destination: HTML file to write.
-        claims: printed numbers to hold the runs against, by claim and law (M, N), as in studies/source_claims.toml.
+        claims: printed numbers to hold the runs against, by claim and law (M, N), as in the group `ngfsi.claims`.
 
     Raises:
         OutputError: a folder holds no run, or no step of one, or the file cannot be written.

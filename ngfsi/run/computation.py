@@ -146,7 +146,7 @@ def _refuse_what_cannot_be_measured(case: Case) -> None:
     if not is_measurable(case):
         raise CaseError(
             f"a {type(case.geometry).__name__} can be solved by the benchmarks only: a run measures a vein with the "
-            "regions tissue, wall and fluid, as of ngfsi_geometry.calf:CalfSegment or ngfsi_geometry.tube:TubeSegment"
+            "regions tissue, wall and fluid, as of the geometries calf and tube"
         )
 
 

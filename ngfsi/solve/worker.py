@@ -15,6 +15,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi import registry
 from ngfsi.case import Case
 from ngfsi.errors import CaseError
 from ngfsi.linear.backends import Name
@@ -39,7 +40,7 @@ def shared_system(case: Case, domain: Domain, watch: Stopwatch, ranks: Ranks) ->
         raise CaseError(f"a script runs a case in one process, not in {ranks.size}: use `mpirun ngfsi run CASE.toml`")
     owners = partition(domain, ranks.size)
     mesh = partial(pickle.dumps, domain.mesh.ngmesh)
-    with ranks.order("system", case.to_toml, mesh, lambda: domain.report, lambda: owners):
+    with ranks.order("system", registry.plugins, case.to_toml, mesh, lambda: domain.report, lambda: owners):
         return ranks.together(lambda: System(case, domain, watch, ranks, _mine(owners, ranks)))
 
 
@@ -90,10 +91,13 @@ class Worker:
                  "solve": self.solve}
             )  # fmt: skip
 
-    def system(self, toml: str, mesh: bytes, report: MeshReport, owners: NDArray[np.int64]) -> None:
-        """Make the system of a case (its file) on a mesh (Netgen's, as bytes)."""
+    def system(
+        self, plugins: tuple[str, ...], toml: str, mesh: bytes, report: MeshReport, owners: NDArray[np.int64]
+    ) -> None:
+        """Make the system of a case (its file, read with plugins) on a mesh (Netgen's, as bytes)."""
 
         def make() -> System:
+            registry.load(plugins)
             case = Case.from_dict(tomllib.loads(toml))
             with quiet():
                 domain = Domain(ng.Mesh(pickle.loads(mesh)), case.geometry, report)

@@ -20,7 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import ngfsi
-from ngfsi import process
+from ngfsi import process, registry
 from ngfsi.case import Case
 from ngfsi.errors import CaseError, NgfsiError, OutputError
 from ngfsi.parallel.ranks import threads
@@ -97,7 +97,9 @@ def workers() -> Iterator[Executor]:
     """
     before = dict(os.environ)
     os.environ.update(threads(1))
-    pool = ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(
+        os.cpu_count() or 1, get_context("spawn"), initializer=registry.load, initargs=(registry.plugins(),)
+    )
     try:
         yield pool
     finally:
@@ -275,9 +277,11 @@ def _compute_all(
 ) -> Iterator[tuple[str, Outcome]]:
     """Run cases in child processes and yield what became of each as it ends."""
     if executor is not None:
-        yield from _gather(
-            {executor.submit(_compute, c.to_toml(), folder / key): key for key, c in cases.items()}, folder, watch
-        )
+        known = registry.plugins()
+        submitted = {
+            executor.submit(_compute, c.to_toml(), folder / key, plugins=known): key for key, c in cases.items()
+        }
+        yield from _gather(submitted, folder, watch)
         return
     children: list[subprocess.Popen[str]] = []
     count = max(1, (os.cpu_count() or 1) // side_by_side)
@@ -327,12 +331,17 @@ def _interrupt(children: Sequence[subprocess.Popen[str]]) -> None:
 
 
 def _compute(
-    case: str, folder: Path, count: int = 1, children: list[subprocess.Popen[str]] | None = None
-) -> tuple[int, str]:
+    case: str, folder: Path, count: int = 1, children: list[subprocess.Popen[str]] | None = None,
+    plugins: Sequence[str] = (),
+) -> tuple[int, str]:  # fmt: skip
     """Run a case, given as the text of its file, in a child process with `count` threads, noted in `children`.
+
+    Args:
+        plugins: what the case needs to be known here, where the process that submitted it may not be.
 
     Returns its exit code and what it said on standard error.
     """
+    registry.load(plugins)
     request = folder.with_name(f"{folder.name}.{CASE}")
     request.write_text(case, encoding="utf-8")
     # a session of its own keeps the terminal's Ctrl-C from it, which `_compute_all` passes on once

@@ -1,8 +1,8 @@
 """Benchmarks: found, computed, and held against their references.
 
-A benchmark is a module of `studies.verification` that exports CASE (a `Benchmark`), LEVELS and REFERENCES. LEVELS gives
-for each level and each series (e.g. a polynomial order) the settings to compute, from coarse to fine; the finest is
-held against the references, and the last two give the observed order of convergence.
+A benchmark is a module, registered in the group `ngfsi.benchmarks`, that exports CASE (a `Benchmark`), LEVELS and
+REFERENCES. LEVELS gives for each level and each series (e.g. a polynomial order) the settings to compute, from coarse
+to fine; the finest is held against the references, and the last two give the observed order of convergence.
 """
 
 from __future__ import annotations
@@ -11,10 +11,8 @@ import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from importlib import import_module
 from math import log
 from pathlib import Path
-from pkgutil import iter_modules
 from time import perf_counter
 from types import ModuleType
 from typing import Any, ClassVar
@@ -22,7 +20,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.errors import NgfsiError, OutputError, needs_clone, unknown
+from ngfsi import registry
+from ngfsi.errors import NgfsiError, OutputError
 from ngfsi.solve.initial import Say, silent
 
 Setting = Mapping[str, Any]
@@ -30,6 +29,7 @@ Setting = Mapping[str, Any]
 Values = dict[str, float]
 Levels = Mapping[str, Mapping[str, Sequence[Setting]]]
 
+GROUP = "ngfsi.benchmarks"
 ORDER_SLACK = 0.3
 """An observed order may be this much below the expected one: levels are few and coarse."""
 
@@ -176,36 +176,19 @@ class Result:
         return replace(result, signals={one: Signals.read(result.file(path.parent, one, "csv")) for one in series})
 
 
-def benchmarks() -> dict[str, ModuleType]:
-    """Return the modules of the benchmarks by name.
-
-    Raises:
-        OutputError: there is no clone around the engine to hold them.
-    """
-    try:
-        package = import_module("ngfsi_studies.verification")
-    except ModuleNotFoundError:
-        raise OutputError(needs_clone("benchmarks")) from None
-    modules = (import_module(f"{package.__name__}.{info.name}") for info in iter_modules(package.__path__))
-    return {module.__name__.rpartition(".")[2]: module for module in modules if hasattr(module, "CASE")}
-
-
 def not_verified() -> str:
-    """Return what the benchmarks leave open."""
-    return str(import_module("ngfsi_studies.verification").NOT_VERIFIED)
+    """Return what the benchmarks leave open, as each package that registers some says it."""
+    return " ".join(registry.everything("ngfsi.not_verified", "sentence on what is not verified").values())
 
 
 def chosen(names: Iterable[str]) -> dict[str, ModuleType]:
-    """Return the named benchmarks, or all.
+    """Return the named benchmarks, or all that are registered.
 
     Raises:
         OutputError: a name is unknown.
     """
-    known = benchmarks()
-    for name in names:
-        if name not in known:
-            raise OutputError(unknown("benchmark", name, known))
-    return {name: known[name] for name in names} or known
+    chosen = list(names) or registry.names(GROUP)
+    return {name: registry.find(GROUP, name, "benchmark", OutputError) for name in chosen}
 
 
 def verify(name: str, module: ModuleType, level: str, say: Say = silent) -> Result:

@@ -38,10 +38,9 @@ def _text(results: Sequence[Result]) -> str:
     return "\n".join(
         (
             "# Verification\n",
-            "What ngfsi computes, held against exact solutions and published values. Each benchmark is a module of "
-            "`studies/verification`; `ngfsi verify` computes them again, `ngfsi verify --level full` on more and finer "
-            "levels. Errors are relative unless the reference is 0. An observed order is that of the two finest "
-            "levels.\n",
+            "What ngfsi computes, held against exact solutions and published values. `ngfsi verify` computes the "
+            "benchmarks again, `ngfsi verify --level full` on more and finer levels. Errors are relative unless the "
+            "reference is 0. An observed order is that of the two finest levels.\n",
             f"{passed} of {len(results)} benchmarks pass.\n",
             markdown_table(("benchmark", "level", "seconds", "passes"), [
                 (f"[{r.title}](#{_anchor(r.title)})", r.level, f"{r.seconds:.0f}", "yes" if r.passed else "**no**")
