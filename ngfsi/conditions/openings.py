@@ -203,6 +203,10 @@ class Traction(Opening):
         """Return the pressure beyond the reference of the vessel (Pa), as a function of the unknowns."""
         return self.value - self._reference
 
+    def given_pressure(self) -> float:
+        """Return the present pressure at the opening (Pa)."""
+        return float(self.value.Get())
+
     def integrals(self, elements: ng.BitArray | None) -> list[Integral]:
         """Return the virtual work of the traction, over the boundaries of the elements there.
 
@@ -262,6 +266,10 @@ class ResistiveTraction(Traction):
         super().__init__(domain, opening, vessel, curve)
         self.resistance = resistance
         self.unknown = f"{opening}_pressure"
+
+    def given_pressure(self) -> float:
+        """Return the present pressure at the opening (Pa)."""
+        return super().given_pressure() + float(self._setup.state[self.unknown].vec[0])
 
     def own_unknowns(self) -> dict[str, float]:
         """Return the pressure beyond p0."""

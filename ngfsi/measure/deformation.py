@@ -26,17 +26,16 @@ class Deformation:
     """Displacement, volume ratio det F and stability of the materials of a system's present state."""
 
     def __init__(self, system: System) -> None:
-        domain, motion = system.domain, system.state.components[0]
+        domain, motion = system.domain, system.motion
         self._solids = domain.geometry.solids
         k = Kinematics(ng.Grad(motion))
         self._size, self._J = ng.Norm(motion).Compile(), k.J.Compile()
-        relaxation = system.stress_free_gradient()
-        self._strain = in_3d(k.F if relaxation is None else k.F * relaxation, 1.0)
+        self._strain = in_3d(system.deformation_gradient(), 1.0)
         self._laws = {name: system.case.materials.law_of(name) for name in self._solids}
-        self._resistance = {name: Ellipticity(law) for name, law in self._laws.items()}
+        self._resistance = {name: Ellipticity(law) for name, law in self._laws.items() if law.isotropic}
         points = rules(2 * system.unknowns.order)
         self._place = ng.CF((ng.x, ng.y, ng.z)[: domain.mesh.dim]) + motion
-        self._fluid = domain.geometry.fluid
+        self._lumens = domain.lumens
         self._warned: set[str] = set()
         self._points = {name: domain.mesh.MapToAllElements(points, domain.materials(name)) for name in domain.regions}
         self._motion = motion
@@ -67,7 +66,7 @@ class Deformation:
         for region in self._points:
             if not self.smallest_jacobian(region) > 0:
                 smallest, place = self.min_jacobian(region)
-                what = "the mesh of the blood is folded" if region == self._fluid else f"elements of '{region}' invert"
+                what = "the mesh of the blood is folded" if region in self._lumens else f"elements of '{region}' invert"
                 return f"{what} near {place} (det F {smallest:.3g})"
         return ""
 
@@ -80,6 +79,10 @@ class Deformation:
             for J, place in (self.min_jacobian(name),)
         }
         for name in self._solids:
+            if name not in self._resistance:
+                warnings[f"ellipticity of {name}"] = (
+                    f"strong ellipticity of '{name}' is not checked: that is done for isotropic laws alone"
+                )
             if f"stability of {name}" not in self._warned and (unstable := self.unstable(name)):
                 warnings[f"stability of {name}"] = f"{unstable}: what is computed from here on depends on the mesh"
         new = [sentence for what, sentence in warnings.items() if what not in self._warned]
@@ -88,11 +91,13 @@ class Deformation:
 
     def unstable(self, region: str) -> str:
         """Say where the material of a solid has lost its stability, or nothing."""
+        if region not in self._resistance:
+            return ""
         smallest, place = self.min_ellipticity(region)
         if smallest > 0:
             return ""
         return (
-            f"the material of '{region}' near {place} has lost its stability (strong ellipticity): "
+            f"the material of '{region}' near {place} has lost strong ellipticity: "
             f"{self._laws[region].law} does not resist shear bands there any more"
         )
 

@@ -40,7 +40,12 @@ class Ellipticity:
         band = ng.CF(tuple(a * n for a, n in product(self._along, self._across)), dims=(3, 3))
         up, down = (law.variation(here + sign * DIFFERENCE * band, band) for sign in (1, -1))
         self._second = ((up - down) / (2 * DIFFERENCE)).Compile()
-        self._unit = law.shear_modulus
+        self._unit = law.shear_modulus or self._at_rest()
+
+    def _at_rest(self) -> float:
+        """Return the smallest eigenvalue of Q without deformation (Pa), for laws without a shear modulus."""
+        self._unit = 1.0
+        return float(self.smallest(np.ones((1, 3)))[0])
 
     def smallest(self, stretches: Array) -> Array:
         """Return the smallest eigenvalue of Q over the initial shear modulus, for principal stretches (n, 3): (n,)."""

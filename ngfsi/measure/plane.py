@@ -37,7 +37,9 @@ class PlaneSectionProbe:
 
     def __init__(self, system: System) -> None:
         self.system, self.domain = system, system.domain
-        self._motion = system.state.components[0]
+        self._motion = system.motion
+        holes = tuple(vessel.interface for vessel in system.domain.vessels)
+        self.outlines = tuple(name for name in ("skin", *holes) if system.domain.has_boundary(name))
         self._k = Kinematics(ng.Grad(self._motion))
         self._more = {"bonus_intorder": 2 * system.unknowns.order}
 

@@ -86,6 +86,14 @@ class VesselProbe:
         self.consistent_shear = self.wall.statistics(method="consistent")
         self.integral.forget()
 
+    def summary(self) -> dict[str, Any]:
+        """Return what readers of the run must know of the vessel, for the manifest."""
+        vessel, centreline = self.vessel, self.vessel.centreline or ()
+        return {"lumen": vessel.lumen, "interface": vessel.interface, "wall": vessel.wall, "outer": vessel.outer,
+                "inlets": list(vessel.inlets), "outlets": list(vessel.outlets), "radius_m": vessel.radius,
+                "length_m": self.sections.length, "stations": STATIONS,
+                "centreline_m": [list(point) for point in centreline]}  # fmt: skip
+
     def inflow(self) -> float:
         """Return the flow into the vessel through all inlets (m3/s)."""
         return -sum(self.integral(f"flux {name}") for name in self.vessel.inlets)

@@ -11,7 +11,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.mesh.geometry import Vein
+from ngfsi.mesh.geometry import Vein, Vessel
 from ngfsi.system.system import System
 
 Array = NDArray[np.float64]
@@ -36,10 +36,11 @@ class Sections:
         shears: (stations,) wall shear stress, mean over the outline, Pa; of `shear` in `refresh`.
     """
 
-    def __init__(self, system: System, heights: Array | None = None) -> None:
+    def __init__(self, system: System, vessel: Vessel, count: int = STATIONS) -> None:
         self.system = system
         self.vein: Vein = system.case.geometry
-        self.heights = np.linspace(0.0, self.vein.length, STATIONS) if heights is None else heights
+        self.vessel, self.length = vessel, self.vein.length
+        self.heights = np.linspace(0.0, self.vein.length, count)
         fields = system.fields()
         self._values = ng.CF((ng.CF((ng.x, ng.y, ng.z)) + fields.motion, fields.velocity))
         corners = _corners(system)
@@ -73,6 +74,14 @@ class Sections:
         if shear is not None:
             sizes = np.linalg.norm(self._evaluate(shear, z), axis=2)
             self.shears = self.arcs.integral(sizes * lengths) / self.perimeters
+
+    @property
+    def blood(self) -> Array:
+        """Pressure of the blood on the axis at each station (Pa)."""
+        x, y = np.broadcast_to(np.array(self.vein.vein_centre)[:, None], (2, len(self.heights)))
+        return np.asarray(
+            self.system.blood_pressure(self.vessel.name)(self.system.domain.mesh(x, y, self.heights))
+        ).ravel()
 
     def across(self, stations: NDArray[np.int64], centre: Array, axis: Array) -> Array:
         """Return outlines in any planes, as far as the material reaches.

@@ -18,7 +18,9 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
+from ngfsi.physics.fields import MOTION, VELOCITY
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import same_functions
@@ -73,25 +75,25 @@ class Wall:
     since they lie in the same space there.
     """
 
-    def __init__(self, system: System) -> None:
-        self.system = system
+    def __init__(self, system: System, vessel: Vessel) -> None:
+        self.system, self.vessel = system, vessel
         domain, order = system.domain, system.unknowns.order
-        fluid = domain.fluid
+        fluid = str(vessel.lumen)
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
         self._motion, self._velocity = ng.GridFunction(space), ng.GridFunction(space)
         motion, velocity = system.unknowns.space.components[:2]
         self._in_motion = same_functions(domain, space, motion, fluid)
         self._in_velocity = same_functions(domain, space, velocity, fluid)
-        self._region = domain.boundaries("interface")
+        self._region = domain.boundaries(vessel.interface)
         k = Kinematics(ng.BoundaryFromVolumeCF(ng.Grad(self._motion)))
         stress = terms.viscous_stress(system.blood, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity)))
-        area = k.cof * domain.outward_normal()
+        area = k.cof * domain.outward_normal(vessel.lumen)
         stretch = ng.Norm(area)
         self.stretch = stretch.Compile()
         normal = area / stretch
-        self._ds = domain.ds("interface", bonus_intorder=order)
-        self._projection = Projection(system, stretch, self._ds)
-        self._traction = Traction(system, k, stress, self._projection)
+        self._ds = domain.ds(vessel.interface, bonus_intorder=order)
+        self._projection = Projection(system, vessel, stretch, self._ds)
+        self._traction = Traction(system, vessel, k, stress, self._projection)
         self.shears: dict[Method, Any] = {
             "gradient": (-terms.tangential(stress * normal, normal)).Compile(),
             "consistent": (-terms.tangential(self._traction.field, normal)).Compile(),
@@ -107,8 +109,9 @@ class Wall:
     def refresh(self) -> None:
         """Take the system's present state."""
         system = self.system
-        state, history = system.state.components, system.velocity_history.components
-        m, w, rates = (np.asarray(part.vec.FV().NumPy()) for part in (state[0], state[1], history[0]))
+        state, history = system.named(system.state), system.named(system.velocity_history)
+        parts = (state[MOTION], state[VELOCITY], history[MOTION])
+        m, w, rates = (np.asarray(part.vec.FV().NumPy()) for part in parts)
         moved, flowing = self._in_motion >= 0, self._in_velocity >= 0
         motion, velocity = (np.asarray(field.vec.FV().NumPy()) for field in (self._motion, self._velocity))
         motion[moved] = m[self._in_motion[moved]]
@@ -150,7 +153,7 @@ class Wall:
         per_element = len(corners)
         first = np.arange(0, len(points), per_element)
         quads = (first[:, None, None] + _cells(refinement)[None]).reshape(-1, 4)
-        pressure = self.system.blood_pressure()
+        pressure = self.system.blood_pressure(self.vessel.name)
         shear, normal = np.asarray(self.shear(at)), np.asarray(self._normal(at))
         along = np.asarray(self._along(at))
         along -= np.sum(along * normal, axis=1)[:, None] * normal
@@ -169,7 +172,7 @@ class Projection:
         space: vector fields whose unknowns on the interface count.
     """
 
-    def __init__(self, system: System, stretch: Any, ds: Any) -> None:
+    def __init__(self, system: System, vessel: Vessel, stretch: Any, ds: Any) -> None:
         """Prepare.
 
         Args:
@@ -184,7 +187,7 @@ class Projection:
         trial, test = scalar.TnT()
         self._mass = ng.BilinearForm(scalar, check_unused=False)
         self._mass += stretch * trial * test * ds
-        self._there = scalar.GetDofs(system.domain.boundaries("interface"))
+        self._there = scalar.GetDofs(system.domain.boundaries(vessel.interface))
         self._inverse: Any = None
 
     def refresh(self) -> None:
@@ -218,18 +221,20 @@ class Traction:
         field: on the interface.
     """
 
-    def __init__(self, system: System, k: Kinematics, stress: Any, projection: Projection) -> None:
+    def __init__(self, system: System, vessel: Vessel, k: Kinematics, stress: Any, projection: Projection) -> None:
         self._system, self._projection = system, projection
-        self._form = system.blood_form(system.domain.vessels[0])
+        self._form = system.blood_form(vessel)
         self._residual = system.state.vec.CreateVector()
         self.field = ng.GridFunction(projection.space)
         test, domain = projection.space.TestFunction().Trace(), system.domain
-        area = k.cof * domain.outward_normal()
+        area = k.cof * domain.outward_normal(vessel.lumen)
         pressure = system.fields().pressure * area
         more = {"bonus_intorder": system.unknowns.order}
         self._known = ng.LinearForm(projection.space)
-        self._known += (pressure * test).Compile() * domain.ds("interface", **more)
-        for name in system.unknowns.on_opening:  # what holds the prescribed velocity, on functions of the rim
+        self._known += (pressure * test).Compile() * domain.ds(vessel.interface, **more)
+        for name in set(system.unknowns.on_opening) & set(
+            vessel.openings
+        ):  # what holds the prescribed velocity, on functions of the rim
             self._known += ((pressure - stress * area) * test).Compile() * domain.ds(name, **more)
 
     def refresh(self) -> None:

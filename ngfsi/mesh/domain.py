@@ -98,6 +98,22 @@ class Domain:
         openings = {name for vessel in self.vessels for name in vessel.openings}
         return tuple(n for n in self.geometry.boundary_names if n in openings or END_FACE.fullmatch(n))
 
+    def beyond(self, vessel: Vessel) -> str | None:
+        """Return the solid outside of a vessel's wall, at its outer face; None: there is none."""
+        if vessel.outer is None or vessel.wall is None:
+            return None
+        sides = {name for face in self._faces(vessel.outer) for name in face}
+        return next((name for name in self.geometry.solids if name in sides - {vessel.wall}), None)
+
+    def _faces(self, name: str) -> list[tuple[str, ...]]:
+        """Return the regions on both sides of the faces that make up a boundary."""
+        materials, found = self.mesh.GetMaterials(), []
+        for number, title in enumerate(self.mesh.GetBoundaries()):
+            if title == name:
+                face = self.mesh.ngmesh.FaceDescriptor(number + 1)
+                found.append(tuple(materials[side - 1] for side in (face.domin, face.domout) if side))
+        return found
+
     def is_interface(self, name: str) -> bool:
         """Whether a boundary of the blood moves with a solid."""
         return self.has_boundary(name) and bool(self.geometry.solids) and name not in self.geometry.rigid_names

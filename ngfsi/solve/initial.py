@@ -33,23 +33,33 @@ def initial_state(system: System, newton: Newton, say: Say = silent) -> int:
     """Bring the system to its steady state under the loads of t = 0; return the number of factorisations.
 
     preload: the reference shape is free of stress, and the blood inflates it.
-    prestress: the reference shape carries the blood already; steady flow in it, then the stress-free shape that the
+    prestress: the reference shape carries the loads already; steady flow in it, then the stress-free shape that the
     same loads deform into it.
 
     Raises:
-        SolverError: the tissue cannot carry the blood pressure; says up to which share of it.
+        SolverError: the solids cannot carry the loads; says up to which fraction of them.
     """
     system.set_steady()
-    if system.case.conditions.initial_state == "preload":
-        say("inflating the vein with creeping flow")
+    blood, solids = bool(system.domain.lumens), bool(system.solids)
+    if solids and system.case.conditions.initial_state == "prestress":
+        count = 0
+        if blood:
+            say("steady flow in the given shape")
+            count = steady_flow(system, newton.factorisation.backend).factorisation.count
+        else:
+            system.update(0.0)
+        say("stress-free shape by inverse design")
+        return count + _relax(system, newton.factorisation.backend)
+    if blood:
+        say("inflating the vein with creeping flow" if solids else "creeping flow in the given shape")
         in_load_steps(system, newton)
         say("steady flow with inertia")
         _with_inertia(system, newton)
-        return newton.factorisation.count
-    say("steady flow in the given shape")
-    flow = steady_flow(system, newton.factorisation.backend)
-    say("stress-free shape by inverse design")
-    return flow.factorisation.count + _relax(system, newton.factorisation.backend)
+    else:
+        say("equilibrium under the loads at t = 0")
+        in_load_steps(system, newton)
+        newton.solve(system.case.solver.tolerance, NEWTON_STEPS)
+    return newton.factorisation.count
 
 
 def steady_flow(system: System, backend: Name) -> Newton:
@@ -59,7 +69,7 @@ def steady_flow(system: System, backend: Name) -> Newton:
         SolverError: no steady flow was found.
     """
     system.set_steady()
-    flow = Newton(system, backend, "w", "p")
+    flow = Newton(system, backend, *(name for name in system.unknowns.blocks if name not in "de"))
     in_load_steps(system, flow)
     _with_inertia(system, flow)
     return flow

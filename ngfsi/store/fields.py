@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pyvista as pv
 
 FOLDER = "fields"
-GRIDS, INDEX, NUMBERED = ("volume", "wall"), "{}.pvd", "{}_{:04d}.vtu"
+INDEX, NUMBERED = "{}.pvd", "{}_{:04d}.vtu"
 DISPLACEMENT = "displacement_m"
 REGION = "region"
 COLLAPSE = "collapse_mode_1"
@@ -54,14 +54,16 @@ class FieldWriter:
     """
 
     def __init__(
-        self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf
-    ) -> None:
+        self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf,
+        walls: Sequence[str] = ("",),
+    ) -> None:  # fmt: skip
         """Prepare.
 
         Args:
             folder: folder of the run.
             domain: the reference shape.
             volume_fields: name with unit -> field on the whole domain; `displacement_m` must be among them.
+            walls: names of the vessels whose walls are written.
             until: fields up to this time [s] that the folder holds are kept, later ones removed.
 
         Raises:
@@ -70,6 +72,7 @@ class FieldWriter:
         if DISPLACEMENT not in volume_fields:
             raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
         self.folder = folder
+        self._grids = ["volume", *(wall_name(name) for name in walls)]
         self._mesh, self._names = domain.mesh, list(volume_fields)
         # laws are costly to evaluate point by point, as VTK output does: elementwise projections take a 200th of it
         space = ng.L2(domain.mesh, order=CELL_ORDER, dim=9)
@@ -82,7 +85,7 @@ class FieldWriter:
         self._regions = regions
         self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
         self.times = {
-            name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in GRIDS
+            name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in self._grids
         }
         self._forget_later_ones()
 
@@ -94,13 +97,17 @@ class FieldWriter:
         """
         self._store("volume", time, self._volume)
 
-    def write_wall(self, time: float, wall: WallSample) -> None:
-        """Store the sampled wall as that of `time` [s].
+    def holds_wall(self, time: float) -> bool:
+        """Whether the walls of a time [s] are stored."""
+        return all(time in self.times[name] for name in self._grids[1:])
+
+    def write_wall(self, time: float, wall: WallSample, vessel: str = "") -> None:
+        """Store the sampled wall of a vessel as that of `time` [s].
 
         Raises:
             OutputError: the files cannot be written.
         """
-        self._store("wall", time, lambda: wall_grid(wall))
+        self._store(wall_name(vessel), time, lambda: wall_grid(wall))
 
     def _store(self, name: str, time: float, make: Callable[[], pv.UnstructuredGrid]) -> None:
         number = len(self.times[name])
@@ -118,9 +125,9 @@ class FieldWriter:
         return [NUMBERED.format(name, number) for number in range(len(self.times[name]))]
 
     def _forget_later_ones(self) -> None:
-        kept = {file for name in GRIDS for file in self._files(name)}
+        kept = {file for name in self._grids for file in self._files(name)}
         with explained(self.folder / FOLDER):
-            for name in GRIDS:
+            for name in self._grids:
                 if (self.folder / INDEX.format(name)).exists():
                     self._list(name)
             for path in (self.folder / FOLDER).glob("*.vtu"):
@@ -156,6 +163,11 @@ class FieldWriter:
         partial = path.with_name(f"part-{path.name}")
         grid.save(partial)
         move_into_place(partial, path)
+
+
+def wall_name(vessel: str) -> str:
+    """Return the name of the grids of a vessel's wall."""
+    return f"wall_{vessel}" if vessel else "wall"
 
 
 def _orient(grid: pv.UnstructuredGrid) -> None:

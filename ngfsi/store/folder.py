@@ -52,6 +52,7 @@ class RunFolder:
         self._manifest = manifest
         self._log = _locked(path)
         self._start = time.perf_counter()
+        self._writers: dict[str, TableWriter] = {}
         self._series = TableWriter(path / SERIES)
         self._costs = TableWriter(path / COSTS)
         self._outlines = TableWriter(path / OUTLINES)
@@ -94,6 +95,7 @@ class RunFolder:
         tables = (path / name for name in (SERIES, COSTS, OUTLINES, SHAPE, STABILITY))
         cut = [TableWriter.continued(table, -np.inf if until is None else until) for table in tables]
         folder._series, folder._costs, folder._outlines, folder._shape, folder._stability = cut
+        folder._writers = {writer.path.name: writer for writer in cut}
         again = {"at": now(), "from_s": until, "versions": versions(), "commit": commit()}
         folder.update_manifest(status="running", reason="", resumed=[*folder._manifest.get("resumed", []), again])
         return folder
@@ -129,6 +131,17 @@ class RunFolder:
     def record_stability(self, row: dict[str, float]) -> None:
         """Append the stability at one time to stability.csv."""
         self._stability.append(row)
+
+    def append(self, table: str, *rows: dict[str, float], vessel: str = "") -> None:
+        """Append rows to a table."""
+        name = f"{table}_{vessel}.csv" if vessel else f"{table}.csv"
+        self._writers.setdefault(name, TableWriter(self.path / name)).append(*rows)
+
+    def append_outlines(self, time: float, rings: Any, vessel: str = "") -> None:
+        """Append cross-sections at one time (s): points (stations, points, 3) [m] around each, in order."""
+        rows = [{"time_s": time, "station": s, "point": n, "x_m": x, "y_m": y, "z_m": z}
+                for s, ring in enumerate(rings) for n, (x, y, z) in enumerate(ring)]  # fmt: skip
+        self.append("outlines", *rows, vessel=vessel)
 
     def log(self, text: str) -> None:
         """Append a line to run.log, with the seconds since the start."""

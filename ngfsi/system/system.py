@@ -178,6 +178,11 @@ class System:
         F, relaxation = Kinematics(ng.Grad(self.motion)).F, self.stress_free_gradient()
         return F if relaxation is None else F * relaxation
 
+    def deformation_gradient_3d(self) -> dict[str, Any]:
+        """Return F of each solid as a tensor in 3-D, with the stretch across the plane."""
+        F, stressed = self.deformation_gradient(), self.case.conditions.plane_stress
+        return {name: in_3d(F, 1 + self.named(self.state)[STRETCH] if name in stressed else 1) for name in self.solids}
+
     def stress_free_gradient(self) -> Any | None:
         """G = dX/dX0 where the reference shape is prestressed: inverse of I + grad(X0 - X)."""
         return None if self.relaxation is None else Inv(Kinematics(ng.Grad(self.relaxation)).F)
@@ -212,12 +217,8 @@ class System:
 
     def hydrostatic_pressure(self, region: str) -> Any:
         """Return p = -tr(sigma)/3 (Pa) of a solid in the present state."""
-        F, stretch = self.deformation_gradient(), 1
-        if region in self.case.conditions.plane_stress:
-            stretch = 1 + self.named(self.state)[STRETCH]
-        if self._small:
-            return -self.solids[region].variation(in_3d(F, stretch), ng.Id(3)) / 3
-        return terms.hydrostatic_pressure(self.solids[region], F, stretch)
+        model, F = self.solids[region], self.deformation_gradient_3d()[region]
+        return -model.variation(F, ng.Id(3)) / 3 if self._small else terms.hydrostatic_pressure(model, F)
 
     def work_integrals(
         self, name: str, F: Any, grad_v: Any, relaxation: Any | None, across: tuple[Any, Any] = (1, 0),

@@ -116,6 +116,12 @@ class Unknowns:
         """Number of unknowns, prescribed ones included."""
         return int(self.space.ndof)
 
+    @property
+    def to_solve(self) -> tuple[str, ...]:
+        """Names of the blocks that are solved for: all, but none of the motion where there are no solids."""
+        still = () if len(self.blocks["d"]) and np.any(self.solvable[self.blocks["d"]]) else ("d", "e")
+        return tuple(name for name, part in self.blocks.items() if len(part) and name not in still)
+
     def place(self, field: str) -> int:
         """Return the number of a field among the components of the space."""
         return self.fields.index(field)

@@ -1,0 +1,170 @@
+"""What is written while a run is computed: each observer looks at the state after accepted steps when it is due.
+
+What a model does not have, its observers leave out: a rigid vessel has no stability, solids alone have no wall shear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.case import Case
+from ngfsi.errors import SolverError
+from ngfsi.measure.probe import Probe
+from ngfsi.measure.quantities import row
+from ngfsi.measure.shape import Shape
+from ngfsi.parallel.stopwatch import Stopwatch
+from ngfsi.physics import terms
+from ngfsi.physics.fields import MOTION
+from ngfsi.solve.time_loop import Step
+from ngfsi.store.fields import COLLAPSE, DEFORMATION, STRESS, FieldWriter
+from ngfsi.store.folder import RunFolder
+from ngfsi.system.system import System
+
+if TYPE_CHECKING:
+    from ngfsi.measure.stability import Stability
+
+WALL_REFINEMENT = 3
+"""Points along each side of an interface element in the written wall fields."""
+
+
+class Observer:
+    """Base of the observers."""
+
+    name = ""
+    every = 1
+    """Steps between two looks; the last step is looked at in any case."""
+
+    def look(self, time: float, step: Step | None) -> None:
+        """Write what is to be written of the state at a time (s), after a step; None: at the start."""
+
+    def looked_at(self, _time: float) -> bool:
+        """Whether the state at a time (s) has been written."""
+        return True
+
+    def state_arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Return what later looks depend on, for `restore_state`."""
+        return {}
+
+    def restore_state(self, arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        """Take what `state_arrays` returned; the system may be left in another state."""
+
+
+class Series(Observer):
+    """Quantities and costs of each step, and warnings of what is close to failing."""
+
+    def __init__(self, probe: Probe, folder: RunFolder, watch: Stopwatch) -> None:
+        self._probe, self._folder, self._watch = probe, folder, watch
+
+    def look(self, time: float, step: Step | None) -> None:
+        """Measure."""
+        with self._watch("measures"):
+            self._probe.refresh()
+            self._folder.append("series", {"time_s": time, "step_s": step.size if step else 0.0, **row(self._probe)})
+        if step:
+            self._folder.append("costs", step.cost())
+            for warning in self._probe.deformation.approaching():
+                self._folder.log(f"t = {time:.6g} s: {warning}")
+
+
+class WallFields(Observer):
+    """The vessels' inner walls with their wall shear stress."""
+
+    def __init__(self, probe: Probe, writer: FieldWriter, watch: Stopwatch, every: int) -> None:
+        self._probe, self._writer, self._watch, self.every = probe, writer, watch, every
+
+    def look(self, time: float, _step: Step | None) -> None:
+        """Sample and write."""
+        with self._watch("output"):
+            for name, vessel in self._probe.vessels.items():
+                self._writer.write_wall(time, vessel.wall.sample(WALL_REFINEMENT), name)
+
+    def looked_at(self, time: float) -> bool:
+        """Whether the walls at a time have been written."""
+        return self._writer.holds_wall(time)
+
+
+class VolumeFields(Observer):
+    """Fields of the whole domain, outlines and shapes of cross-sections, and the stability of the vein."""
+
+    name = "stability"
+
+    def __init__(
+        self, probe: Probe, writer: FieldWriter, folder: RunFolder, watch: Stopwatch, every: int,
+        stability: Stability | None,
+    ) -> None:  # fmt: skip
+        self._probe, self._writer, self._folder, self._watch, self.every = probe, writer, folder, watch, every
+        self._stability = stability
+
+    def look(self, time: float, _step: Step | None) -> None:
+        """Write; where the stability cannot be determined, the log says why."""
+        if self._stability:
+            with self._watch("stability"):
+                try:
+                    self._folder.append("stability", self._stability.refresh().row(time))
+                except SolverError as error:
+                    self._folder.log(f"t = {time:.6g} s: no stability: {error}")
+        with self._watch("output"):
+            self._writer.write(time)
+            for name, vessel in self._probe.vessels.items():
+                vessel.outlines.refresh()
+                self._folder.append_outlines(time, vessel.outlines.rings, name)
+                self._folder.append("shape", *Shape.of(vessel.outlines, cut=True).rows(time), vessel=name)
+
+    def looked_at(self, time: float) -> bool:
+        """Whether the fields at a time have been written."""
+        return time in self._writer.times["volume"]
+
+    def state_arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Return what the stability at later times depends on."""
+        return self._stability.arrays() if self._stability else {}
+
+    def restore_state(self, arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        """Take that."""
+        if self._stability:
+            self._stability.restore(arrays)
+
+
+def observers_of(
+    case: Case, system: System, probe: Probe, folder: RunFolder, watch: Stopwatch, until: float
+) -> list[Observer]:
+    """Return the observers of a run.
+
+    Args:
+        until: time (s) up to which the folder's fields are kept.
+    """
+    stability = None
+    if case.output.stability and system.solids:
+        from ngfsi.measure.stability import Stability  # with solvers of eigenvalues, which most runs do without
+
+        stability = Stability(system)
+    fields = volume_fields(system) | ({COLLAPSE: stability.mode} if stability else {})
+    writer = FieldWriter(folder.path, system.domain, fields, until, walls=list(probe.vessels))
+    found: list[Observer] = [Series(probe, folder, watch)]
+    if probe.vessels:
+        found.append(WallFields(probe, writer, watch, case.output.wall_every))
+    return [*found, VolumeFields(probe, writer, folder, watch, case.output.fields_every, stability)]
+
+
+def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
+    """Return the fields written for ParaView, defined on the whole domain: zero where they do not exist."""
+    domain, mesh = system.domain, system.domain.mesh
+    state, history = system.named(system.state), system.named(system.velocity_history)
+    everywhere: dict[str, Any] = dict.fromkeys(system.solids, system.new_weight * state[MOTION] + history[MOTION])
+    found: dict[str, Any] = {"displacement_m": system.motion}
+    vessels = [vessel for vessel in domain.vessels if vessel.lumen]
+    if vessels:
+        everywhere |= dict.fromkeys(domain.lumens, system.fields().velocity)
+        pressures = {str(vessel.lumen): system.blood_pressure(vessel.name) for vessel in vessels}
+        found["pressure_Pa"] = mesh.MaterialCF(pressures, default=0)
+    found["velocity_m_s"] = mesh.MaterialCF(everywhere)
+    if system.solids:
+        F, none = system.deformation_gradient_3d(), dict.fromkeys(domain.lumens, ng.CF((0,) * 9, dims=(3, 3)))
+        stress = {name: terms.cauchy_stress(model, F[name]).Compile() for name, model in system.solids.items()}
+        found[STRESS] = mesh.MaterialCF({**stress, **none})
+        found[DEFORMATION] = mesh.MaterialCF({**F, **none})
+    return found
