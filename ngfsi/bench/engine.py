@@ -16,27 +16,18 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, Literal, NamedTuple
 
-import ngsolve as ng
 import numpy as np
 from rich.table import Table
 
 from ngfsi import process, registry
 from ngfsi.case import Case
 from ngfsi.errors import OutputError, SolverError, unknown
-from ngfsi.linear.backends import choose_backend
-from ngfsi.measure.deformation import Deformation
 from ngfsi.mesh.domain import Domain
 from ngfsi.parallel.ranks import threads
-from ngfsi.parallel.stopwatch import Stopwatch
-from ngfsi.run.computation import is_measurable
-from ngfsi.solve.initial import Say, initial_state, silent
-from ngfsi.solve.newton import Newton
-from ngfsi.solve.time_loop import TimeLoop
+from ngfsi.solve.initial import Say, silent
 from ngfsi.store.disk import explained
-from ngfsi.store.folder import RunFolder
 from ngfsi.store.provenance import commit, machine, versions
 from ngfsi.store.stored import StoredRun, open_run
-from ngfsi.system.system import System
 from ngfsi.units import from_si
 
 BASELINE = "baseline"
@@ -95,9 +86,10 @@ def run_sample(setup: Setup, steps: int | None = None) -> Sample:
         file, target = Path(folder) / "case.toml", Path(folder) / "run"
         shorter = case.replace(**{"time.end": count * case.time.step, "output.fields_every": 0})
         file.write_text(shorter.to_toml(), encoding="utf-8")
-        function = "ngfsi.study.engine:main" if is_measurable(shorter) else "ngfsi.bench.engine:march"
         started = perf_counter()
-        child = process.start(function, file, target, more=threads(setup.threads) if setup.threads else None)
+        child = process.start(
+            "ngfsi.study.engine:main", file, target, more=threads(setup.threads) if setup.threads else None
+        )
         assert child.stderr is not None
         said = child.stderr.read()
         _, status, usage = os.wait4(child.pid, 0)
@@ -107,7 +99,7 @@ def run_sample(setup: Setup, steps: int | None = None) -> Sample:
             raise SolverError(process.last_line(said, "it said nothing"))
         stored = open_run(target)
         manifest, costs = stored.manifest, stored.costs
-        results = _results(stored) if is_measurable(shorter) else {}
+        results = _results(stored)
     phases = {str(name): float(value) for name, value in manifest["seconds"].items()}
     phases[OUTSIDE] = seconds - sum(phases.values())
     return Sample(
@@ -124,7 +116,10 @@ def run_sample(setup: Setup, steps: int | None = None) -> Sample:
 
 
 def _results(run: StoredRun) -> dict[str, float]:
-    volume, sawss = run.series["lumen_volume_m3"][-1], np.mean(run.series["sawss_Pa"][1:])
+    series = run.series
+    if "sawss_Pa" not in series:
+        return {}
+    volume, sawss = series["lumen_volume_m3"][-1], np.mean(series["sawss_Pa"][1:])
     return {"lumen, mm3": from_si(float(volume), "mm3"), "mean SAWSS, Pa": float(sawss)}
 
 
@@ -238,32 +233,6 @@ def _comparison(
     samples = {label: [found[label] for found in rounds] for label in labels}
     planned = case.time.steps
     return Comparison(name, min(steps or planned, planned), planned, samples)
-
-
-def march(case_file: str, folder: str) -> None:
-    """Child process: compute a case of which nothing is measured, as of benchmarks in the plane, and store its costs.
-
-    Raises:
-        SolverError: no solution.
-    """
-    case = Case.from_toml(case_file)
-    watch, results = Stopwatch(), RunFolder.create(Path(folder), case)
-    with ng.TaskManager():
-        with watch("mesh"):
-            domain = Domain.build(case.geometry)
-        with watch("set-up"):
-            system = System(case, domain, watch)
-            newton = Newton(system, choose_backend(case.solver.linear))
-        with watch("initial state"):
-            initial_state(system, newton)
-        with watch("steps"):
-            for step in TimeLoop(case, system, newton, Deformation(system).inversion).run():
-                results.record_cost(step.cost())
-    results.update_manifest(
-        unknowns=system.unknowns.size, factorisations=newton.factorisation.count,
-        seconds={**watch.seconds, "measures": 0.0},
-    )  # fmt: skip
-    results.finish("completed")
 
 
 def named(kind: Literal["CASES", "VARIANTS"], names: Sequence[str]) -> dict[str, Any]:

@@ -86,8 +86,12 @@ class Condition:
         return {}
 
     def points(self, _motion: Any) -> Sequence[int]:
-        """Return further unknowns of the space of the motion that are held at zero."""
+        """Return further unknowns of the space of the motion that are held at zero, unless others support the solids."""
         return ()
+
+    def supports(self) -> bool:
+        """Whether it resists rigid motions of the solids."""
+        return False
 
     def velocity_on(self) -> Sequence[str]:
         """Return the openings on which the relative velocity is prescribed."""
@@ -127,7 +131,7 @@ class Condition:
         """Take the value at time t (s), or a fraction of it (`load_factor`, from 0 to 1)."""
 
     def accept(self) -> None:
-        """Take note that the present state is the end of an accepted step."""
+        """Take note that the present state is accepted, and a new step begins."""
 
     def state_arrays(self) -> dict[str, Vector]:
         """Return copies of all that it depends on beside case and state, for `restore_state`."""

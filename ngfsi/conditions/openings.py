@@ -72,7 +72,7 @@ class Opening(WithValue):
         return terms.relative_flux(motion, velocity, normal) * measure
 
     def _size(self, flux: Any) -> float:
-        return abs(float(ng.Integrate(flux, self.domain.mesh)))
+        return float(abs(ng.Integrate(flux, self.domain.mesh)))
 
     def _set(self, field: GridFunction, velocity: Any) -> None:
         place = self._setup.unknowns.place(VELOCITY)

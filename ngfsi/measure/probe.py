@@ -66,9 +66,8 @@ class VesselProbe:
         self.sections = Sections(system, vessel, STATIONS)
         self.outlines = Sections(system, vessel, system.case.output.stations)
         outside = system.domain.beyond(vessel)
-        faced = [name for name in (vessel.wall, outside) if name] if vessel.outer and outside else []
-        self._sides = {name: Side(system, name) for name in faced}
-        self.load = WallLoad(system, vessel, self.sections, self._sides[outside], outside) if faced else None
+        self._sides = {name: Side(system, name) for name in (vessel.wall, outside) if name and outside}
+        self.load = WallLoad(system, vessel, self.sections, self._sides[outside], outside) if outside else None
         self.outside = outside
         self.shear = self.consistent_shear = NO_SHEAR
         self.integral = Integrals(self.domain.mesh)

@@ -155,16 +155,21 @@ def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
     domain, mesh = system.domain, system.domain.mesh
     state, history = system.named(system.state), system.named(system.velocity_history)
     everywhere: dict[str, Any] = dict.fromkeys(system.solids, system.new_weight * state[MOTION] + history[MOTION])
-    found: dict[str, Any] = {"displacement_m": system.motion}
+    found: dict[str, Any] = {"displacement_m": _in_3d(system.motion)}
     vessels = [vessel for vessel in domain.vessels if vessel.lumen]
     if vessels:
         everywhere |= dict.fromkeys(domain.lumens, system.fields().velocity)
         pressures = {str(vessel.lumen): system.blood_pressure(vessel.name) for vessel in vessels}
         found["pressure_Pa"] = mesh.MaterialCF(pressures, default=0)
-    found["velocity_m_s"] = mesh.MaterialCF(everywhere)
+    found["velocity_m_s"] = _in_3d(mesh.MaterialCF(everywhere))
     if system.solids:
         F, none = system.deformation_gradient_3d(), dict.fromkeys(domain.lumens, ng.CF((0,) * 9, dims=(3, 3)))
         stress = {name: terms.cauchy_stress(model, F[name]).Compile() for name, model in system.solids.items()}
         found[STRESS] = mesh.MaterialCF({**stress, **none})
         found[DEFORMATION] = mesh.MaterialCF({**F, **none})
     return found
+
+
+def _in_3d(vector: Any) -> Any:
+    """Return a vector field with three components, of which files of the plane have them, too."""
+    return vector if vector.dim == 3 else ng.CF((vector[0], vector[1], 0))

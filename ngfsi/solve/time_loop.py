@@ -156,7 +156,6 @@ class TimeLoop:
                 size, solution = self._advance(time, milestone)
                 at_milestone = abs(time + size - milestone) <= SAME_TIME * self.case.time.step
                 time = milestone if at_milestone else time + size
-                self.system.accept()
                 self.history.push(time, self.system.values.copy(), self.system.rates())
                 self.history.smooth = 0 if self._is_kink(time) else self.history.smooth + 1
                 self.history.accepted += 1
@@ -167,6 +166,7 @@ class TimeLoop:
 
     def _advance(self, time: float, milestone: float) -> tuple[float, Solution]:
         """Take one step towards the milestone, with smaller steps if need be; return its size and cost."""
+        self.system.accept()
         accepted = self.system.snapshot()
         while True:
             parts = ceil((milestone - time) / (self.history.size or self.case.time.step) - SAME_TIME)

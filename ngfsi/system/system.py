@@ -322,7 +322,7 @@ class System:
         self.set_rates(STEADY, (zero, zero), (zero, zero), np.inf)
 
     def accept(self) -> None:
-        """Take note that the present state is the end of an accepted step."""
+        """Take note that the present state is accepted, and a new step begins."""
         for _, part in self._with_memory():
             part.accept()
 

@@ -149,7 +149,7 @@ def _motion(domain: Domain, order: int, conditions: Sequence[Condition]) -> tupl
     options = {f"dirichlet{component}": "|".join(names) for component, names in fixed.items() if names}
     motion = ng.VectorH1(domain.mesh, order=order, **options)
     free = _mask(motion.FreeDofs())
-    for condition in conditions:
+    for condition in () if any(condition.supports() for condition in conditions) else conditions:
         free[np.array(condition.points(motion), dtype=int)] = False
     return motion, free
 
