@@ -86,7 +86,7 @@ class Condition:
         return {}
 
     def points(self, _motion: Any) -> Sequence[int]:
-        """Return further unknowns of the space of the motion that are held at zero, unless others support the solids."""
+        """Return further unknowns of the motion's space that are zero, unless others support the solids."""
         return ()
 
     def supports(self) -> bool:

@@ -22,7 +22,7 @@ from tests.seams.block import case_of, domain, mean
 
 
 class Fibred(SolidLaw):
-    """W = mu/2 (J^(-2/3) tr C - 3) + K/2 (J - 1)^2 + k/2 (a . C a - 1)^2, fibres a at an angle in the plane of x and y."""
+    """W = mu/2 (J^(-2/3) tr C - 3) + K/2 (J - 1)^2 + k/2 (a . C a - 1)^2, fibres a at an angle in the plane xy."""
 
     formula: ClassVar[str] = ""
     source: ClassVar[str] = "for this test"
@@ -32,7 +32,7 @@ class Fibred(SolidLaw):
     k: Pressure = 30e3
     angle: Angle = 0.0
 
-    def energies(self, F: CoefficientFunction) -> Pair:
+    def energies(self, _F: CoefficientFunction) -> Pair:
         raise AssertionError("a law with fibres must be bound")
 
     def bind(self, place: Place) -> SolidModel:

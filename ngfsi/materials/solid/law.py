@@ -78,7 +78,7 @@ class SolidModel(ABC):
         return self.energy(strain).Diff(strain, H)
 
     def accept(self) -> None:  # noqa: B027 - most models remember nothing
-        """Take note that the present state is accepted, and a new step begins: internal variables take their new values."""
+        """Take note that the state is accepted: internal variables take their new values as a step begins."""
 
     def state_arrays(self) -> dict[str, Vector]:
         """Return copies of the internal variables, for `restore_state`."""
