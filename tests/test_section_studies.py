@@ -12,9 +12,10 @@ from ngfsi_studies import calibration, plane_sections, rigid_veins
 from ngfsi_studies.plane_sections import Finding, Level
 
 from ngfsi.errors import SolverError
+from ngfsi.measure.softest import softest_mode
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
-from ngfsi.solve.statics import load_path, softest_mode
+from ngfsi.solve.statics import load_path
 
 
 def test_printed_discrepancies_recomputed() -> None:

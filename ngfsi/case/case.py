@@ -200,7 +200,7 @@ class TimeStepping(ConfigModel):
     """Time scheme and steps."""
 
     scheme: Literal["bdf2", "backward_euler", "static"] = "bdf2"
-    """static: at each time equilibrium without inertia and flow, of solids alone."""
+    """static: at each time the steady state under its loads, all rates zero."""
     step: Time = Field(gt=0)
     end: Time = Field(gt=0)
     smallest_step: Time = Field(default_factory=lambda given: given["step"] / 64, gt=0)

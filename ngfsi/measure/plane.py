@@ -38,8 +38,10 @@ class PlaneSectionProbe:
     def __init__(self, system: System) -> None:
         self.system, self.domain = system, system.domain
         self._motion = system.motion
-        holes = tuple(vessel.interface for vessel in system.domain.vessels)
-        self.outlines = tuple(name for name in ("skin", *holes) if system.domain.has_boundary(name))
+        vessels, solids = system.domain.vessels, system.domain.geometry.solids
+        self.outlines = tuple(n for n in ("skin", *(v.interface for v in vessels)) if system.domain.has_boundary(n))
+        self.outer = vessels[0].outer if vessels else None
+        self.sides = {name: name for name in ("tissue", "wall") if self.outer and name in solids}
         self._k = Kinematics(ng.Grad(self._motion))
         self._more = {"bonus_intorder": 2 * system.unknowns.order}
 

@@ -73,7 +73,8 @@ def quantities(probe: Probe) -> list[Quantity]:
     for vessel in probe.vessels.values():
         found += [one for name in vessel.vessel.openings for one in _at_opening(vessel, name)]
     if probe.plane:
-        found += [_enclosed(name) for name in probe.plane.outlines]
+        found += [_enclosed(name) for name in probe.plane.outlines] + [_area(name) for name in probe.domain.regions]
+        found += [_beside_wall(side, region) for side, region in probe.plane.sides.items()]
     return found
 
 
@@ -132,11 +133,18 @@ def _at_opening(vessel: VesselProbe, name: str) -> list[Quantity]:
 
 
 def _enclosed(name: str) -> Quantity:
-    def area(probe: Probe) -> float:
-        assert probe.plane is not None
-        return probe.plane.enclosed_area(name)
+    return Quantity(f"{name}_area", "m2", f"area inside of the outline '{name}'",
+                    lambda probe: probe.plane.enclosed_area(name))  # fmt: skip
 
-    return Quantity(f"{name}_area", "m2", f"area inside of the outline '{name}'", area)
+
+def _area(region: str) -> Quantity:
+    return Quantity(f"{region}_area", "m2", f"area of the region '{region}'",
+                    lambda probe: probe.plane.region_area(region))  # fmt: skip
+
+
+def _beside_wall(side: str, region: str) -> Quantity:
+    return Quantity(f"p_{side}_side", "Pa", f"hydrostatic pressure at the outer face of the vein wall, {side} side",
+                    lambda probe: probe.plane.pressure_over(probe.plane.outer, region))  # fmt: skip
 
 
 def _given_outlet(p: VesselProbe) -> float:

@@ -26,6 +26,7 @@ from ngfsi.store.folder import RunFolder
 from ngfsi.system.system import System
 
 if TYPE_CHECKING:
+    from ngfsi.measure.softest import Softness
     from ngfsi.measure.stability import Stability
 
 WALL_REFINEMENT = 3
@@ -95,7 +96,7 @@ class VolumeFields(Observer):
 
     def __init__(
         self, probe: Probe, writer: FieldWriter, folder: RunFolder, watch: Stopwatch, every: int,
-        stability: Stability | None,
+        stability: Stability | Softness | None,
     ) -> None:  # fmt: skip
         self._probe, self._writer, self._folder, self._watch, self.every = probe, writer, folder, watch, every
         self._stability = stability
@@ -137,17 +138,20 @@ def observers_of(
     Args:
         until: time (s) up to which the folder's fields are kept.
     """
-    stability = None
-    if case.output.stability and system.solids:
-        from ngfsi.measure.stability import Stability  # with solvers of eigenvalues, which most runs do without
-
-        stability = Stability(system)
-    fields = volume_fields(system) | ({COLLAPSE: stability.mode} if stability else {})
+    stability = _stability(system) if case.output.stability and system.solids else None
+    fields = volume_fields(system) | ({COLLAPSE: stability.mode} if stability and stability.mode else {})
     writer = FieldWriter(folder.path, system.domain, fields, until, walls=list(probe.vessels))
     found: list[Observer] = [Series(probe, folder, watch)]
     if probe.vessels:
         found.append(WallFields(probe, writer, watch, case.output.wall_every))
     return [*found, VolumeFields(probe, writer, folder, watch, case.output.fields_every, stability)]
+
+
+def _stability(system: System) -> Stability | Softness:
+    from ngfsi.measure.softest import Softness  # with solvers of eigenvalues, which most runs do without
+    from ngfsi.measure.stability import Stability
+
+    return Softness(system) if system.domain.mesh.dim == 2 else Stability(system)
 
 
 def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:

@@ -22,11 +22,12 @@ from ngfsi.case import Case, Conditions, Materials
 from ngfsi.errors import SolverError
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.plane import PlaneSectionProbe, SectionMap
+from ngfsi.measure.softest import SoftestMode, softest_mode
 from ngfsi.mesh.domain import Domain
 from ngfsi.report.figures import FieldMap, Line, field_maps, lines
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
-from ngfsi.solve.statics import SoftestMode, equilibrium, load_path, section_case, softest_mode
+from ngfsi.solve.statics import equilibrium, load_path, section_case
 from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.table import write_rows
 from ngfsi.study import workers
