@@ -14,8 +14,8 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import GridFunction, Parameter
 
-from ngfsi.conditions import profiles
 from ngfsi.conditions.condition import Condition, Numbers, OpeningModel, Setup, Vector, WithValue
+from ngfsi.conditions.profiles import developed, inwards, oscillating, rim, womersley
 from ngfsi.config.functions import FlowCurve, PressureConstant, PressureCurve
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain, elements_at
@@ -59,8 +59,8 @@ class Opening(WithValue):
         geometry, field = self.domain.geometry, GridFunction(self._setup.unknowns.space)
         given = geometry.inflow() if self.opening == "inlet" else None
         if given is None:
-            face = profiles.developed(self.domain, self.opening, self._setup.order)
-            given = face * profiles.inwards(self.domain, self.opening, self.lumen)
+            face = developed(self.domain, self.opening, self._setup.order)
+            given = face * inwards(self.domain, self.opening, self.lumen)
         self._set(field, given)
         return field
 
@@ -116,9 +116,9 @@ class GivenFlow(Opening):
 
     def _flat(self) -> GridFunction:
         field = GridFunction(self._setup.unknowns.space)
-        self._set(field, profiles.inwards(self.domain, self.opening, self.lumen))
+        self._set(field, inwards(self.domain, self.opening, self.lumen))
         component = field.components[self._setup.unknowns.place(VELOCITY)]
-        for number in np.flatnonzero(list(profiles.rim(self.domain, self.opening, component.space))):
+        for number in np.flatnonzero(list(rim(self.domain, self.opening, component.space))):
             component.vec[int(number)] = 0.0
         return field
 
@@ -131,22 +131,22 @@ class GivenFlow(Opening):
             )
         fluid = self._setup.fluid
         assert fluid is not None
-        inwards = profiles.inwards(self.domain, self.opening, self.lumen)
+        into = inwards(self.domain, self.opening, self.lumen)
 
         def profile_of(omega: float) -> tuple[Vector, complex]:
             parameter = fluid.density * omega / fluid.nominal_viscosity
-            face = profiles.womersley(self.domain, self.opening, self._setup.order, parameter)
+            face = womersley(self.domain, self.opening, self._setup.order, parameter)
             values, flux = [], []
             for part in (face.real, face.imag):
-                self._set(self._field, part * inwards)
+                self._set(self._field, part * into)
                 values.append(self._values(self._field))
                 flux.append(self._size(self._flux))
             signs = [np.sign(float(ng.Integrate(part * self.domain.ds(self.opening), self.domain.mesh)))
                      for part in (face.real, face.imag)]  # fmt: skip
             return values[0] + 1j * values[1], complex(signs[0] * flux[0], signs[1] * flux[1])
 
-        found = profiles.oscillating(self.curve, period, profile_of)
-        self._set(self._field, profiles.developed(self.domain, self.opening, self._setup.order) * inwards)
+        found = oscillating(self.curve, period, profile_of)
+        self._set(self._field, developed(self.domain, self.opening, self._setup.order) * into)
         self._shape = self._values(self._field)
         return found
 
