@@ -1,7 +1,7 @@
 """Imports point one way: a room knows the rooms before it and no other, and a module none that leads back to it.
 
-All imports count: those inside of functions, those for type checking alone, and those by name, as of `import_module` and
-of child processes.
+All imports count: those inside of functions, those for type checking alone, and those by name, as of `import_module`
+and of child processes.
 """
 
 from __future__ import annotations

@@ -321,8 +321,8 @@ def test_accuracy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         return {key: Outcome(run) for key, run in runs.items()}
 
     monkeypatch.setattr(tissue_accuracy, "run_cases", all_computed)
-    target = tmp_path / "docs" / "accuracy.toml"
-    errors = tissue_accuracy.measure(tmp_path, target)
+    target, page = tmp_path / "accuracy.toml", tmp_path / "accuracy.md"
+    errors = tissue_accuracy.measure(tmp_path, target, page)
     # twice as fine and of second order: a third of the last change; steps: changes of 0.01 and 0.005 are of order 1
     space, time = (0.05 + 0.01 / 3) / 0.75, (0.025 + 0.005) / 0.775
     assert errors["demo"]["volume_percent"] == pytest.approx(100 * (space + time), rel=0.05)  # two digits are kept
@@ -333,12 +333,12 @@ def test_accuracy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert errors["paper"]["volume_time_percent"] == pytest.approx(100 * (0.005 + 0.005) / 0.775, rel=0.05)
     assert tissue_findings.numerical_errors("demo", target) == errors["demo"]
     assert tissue_findings.numerical_errors("other", target) == {}
-    page = target.with_suffix(".md").read_text(encoding="utf-8")
-    assert "| fine mesh | 2 | 8,000 |" in page
-    assert "| error bar of fine mesh, space |  |  |  | 0.44 % |" in page
+    text = page.read_text(encoding="utf-8")
+    assert "| fine mesh | 2 | 8,000 |" in text
+    assert "| error bar of fine mesh, space |  |  |  | 0.44 % |" in text
     monkeypatch.setattr(tissue_accuracy, "run_cases", lambda *_: {"demo_mesh": Outcome(None, "no mesh")})
     with pytest.raises(NgfsiError, match=r"'demo_mesh' in .* failed: no mesh"):
-        tissue_accuracy.measure(tmp_path, target)
+        tissue_accuracy.measure(tmp_path, target, page)
 
 
 def test_levels_hold_what_they_promise() -> None:

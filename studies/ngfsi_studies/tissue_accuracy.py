@@ -5,7 +5,7 @@
 Space and time are refined one at a time, for M with K 28.45 kPa: three meshes with the step of `demo`, and four steps
 on the mesh of `demo`; a run of one order more on that mesh checks the space. The error of a level is its distance from
 the finest run, plus that run's own error bar, and those of space and time are added. They are kept in
-docs/accuracy.toml, and all runs in docs/accuracy.md. Runs in the folder that are finished are reused.
+accuracy.toml beside this module, and all runs in docs/accuracy.md. Runs in the folder that are finished are reused.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ LEVEL_RUNS = {
     "paper": {"space": "paper_mesh", "time": "paper_step"},
 }
 """Level -> what is refined -> the run with its mesh or step."""
+PAGE = Path(__file__).parents[2] / "docs" / "accuracy.md"
 ORDER_IN_SPACE = 2.0
 """Assumed for the error bars, on the safe side: smooth displacements converge with order 4 here, wall shear with 3."""
 SLOWEST, FASTEST = 1.0, 2.0
@@ -50,7 +51,7 @@ SLOWEST, FASTEST = 1.0, 2.0
 Results = dict[str, float]
 
 
-def measure(folder: Path, target: Path = ACCURACY) -> dict[str, dict[str, float]]:
+def measure(folder: Path, target: Path = ACCURACY, page: Path = PAGE) -> dict[str, dict[str, float]]:
     """Compute the runs, write the errors of the levels [%] and the table of runs, and return the errors.
 
     Raises:
@@ -69,9 +70,8 @@ def measure(folder: Path, target: Path = ACCURACY) -> dict[str, dict[str, float]
         level: _sum({what: _error(found[key], finest[what], bars[what]) for what, key in of.items()})
         for level, of in LEVEL_RUNS.items()
     }
-    target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(tomli_w.dumps(errors), encoding="utf-8")
-    target.with_suffix(".md").write_text(_table(runs, found, bars), encoding="utf-8")
+    page.write_text(_table(runs, found, bars), encoding="utf-8")
     return errors
 
 
@@ -131,8 +131,8 @@ def _table(runs: Mapping[str, StoredRun], found: Mapping[str, Results], bars: Ma
         "refined one at a time; `order more` is the mesh of `demo` with elements of one order more. Error bars are\n"
         f"Richardson's: of the finest mesh with order {ORDER_IN_SPACE:g} in the size of its elements, of the shortest\n"
         f"step with the order seen in the three shortest, between {SLOWEST:g} and {FASTEST:g}. The errors of the\n"
-        "levels, in [accuracy.toml](accuracy.toml), are the distance from the finest run plus its error bar, those of\n"
-        "space and time added.\n\n" + markdown_table(head, rows)
+        "levels, in [accuracy.toml](../studies/ngfsi_studies/accuracy.toml), are the distance from the finest run\n"
+        "plus its error bar, those of space and time added.\n\n" + markdown_table(head, rows)
     )
 
 

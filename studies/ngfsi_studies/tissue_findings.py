@@ -19,7 +19,7 @@ from ngfsi.units import from_si
 Array = NDArray[np.float64]
 
 CLAIMS = Path(__file__).with_name("source_claims.toml")
-ACCURACY = Path(__file__).parents[2] / "docs" / "accuracy.toml"
+ACCURACY = Path(__file__).with_name("accuracy.toml")
 HYDROSTATIC = ("tissue_side", "wall_side", "wall_mean")
 SAME_TIME = 1e-9
 SWING = 0.4
