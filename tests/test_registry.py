@@ -54,8 +54,9 @@ class MyLaw(CompressibleNeoHookean):
 
 
 @pytest.fixture(autouse=True)
-def forgotten(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def forgotten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """What a test registers is forgotten after it."""
+    monkeypatch.setenv("NGFSI_CACHE", str(tmp_path / "cache"))  # so that the mesher is needed
     monkeypatch.setattr(registry, "_registered", list(registry._registered))
     monkeypatch.setattr(registry, "_files", dict(registry._files))
     yield

@@ -48,10 +48,10 @@ class AcmeLaw(CompressibleNeoHookean):
 }
 
 
-def ended_well(*command: str | Path, folder: Path) -> str:
+def ended_well(*command: str | Path, folder: Path, **more: str) -> str:
     """Run a command without what the environment says of other modules, and return what it wrote."""
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    ended = subprocess.run(command, cwd=folder, env=environment | more, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
     return ended.stdout
 
@@ -81,7 +81,9 @@ class Installation:
         return {path.name for path in new if path.suffix != ".dist-info"} - {"__pycache__"}
 
     def ngfsi(self, *arguments: str | Path, folder: Path) -> str:
-        return ended_well(self.folder / "bin" / "ngfsi", *arguments, folder=folder)
+        return ended_well(
+            self.folder / "bin" / "ngfsi", *arguments, folder=folder, NGFSI_CACHE=str(self.folder / "cache")
+        )
 
 
 @pytest.fixture(scope="module")
