@@ -15,6 +15,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable
 from functools import cache
+from hashlib import sha256
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -28,7 +29,8 @@ IN_CASES = ("ngfsi.geometries", "ngfsi.solid_laws", "ngfsi.fluid_laws", "ngfsi.c
 """Groups of what case files name."""
 
 _registered: list[EntryPoint] = []
-_files: list[Path] = []
+_files: dict[Path, str] = {}
+"""Plugins and the SHA-256 of their content."""
 
 
 @cache
@@ -99,6 +101,11 @@ def plugins() -> tuple[str, ...]:
     return *map(str, _files), *others
 
 
+def versions() -> dict[str, str]:
+    """Return the SHA-256 of each Python file that was loaded, as the version of what it registers."""
+    return {str(path): digest for path, digest in _files.items()}
+
+
 def load(plugins: Iterable[str]) -> None:
     """Make known what another process knew as its `plugins`, or what is registered in Python files.
 
@@ -135,7 +142,7 @@ def _load_file(path: Path) -> None:
         del sys.modules[name], _registered[before:]
         kind = "" if isinstance(error, NgfsiError) else f"{type(error).__name__}: "
         raise NgfsiError(f"the plugin '{path}' cannot be loaded: {kind}{error}") from error
-    _files.append(path)
+    _files[path] = sha256(path.read_bytes()).hexdigest()
 
 
 def _add(entry: EntryPoint) -> None:

@@ -23,8 +23,10 @@ from ngfsi.case import Case
 from ngfsi.case.geometries import is_geometry
 from ngfsi.errors import CaseError, MaterialError, NgfsiError
 from ngfsi.materials.parameter_sets import FLUIDS, SOLIDS
+from ngfsi.report.citing import repeat_commands
 from ngfsi.store import open_run
 from ngfsi.study import run_cases
+from ngfsi.study.engine import _reusable
 from tests.vein import TISSUE, TUBE, WALL, BonedTube, case_of
 
 VEIN = '''
@@ -52,10 +54,11 @@ class MyLaw(CompressibleNeoHookean):
 
 
 @pytest.fixture(autouse=True)
-def forgotten(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def forgotten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """What a test registers is forgotten after it."""
+    monkeypatch.setenv("NGFSI_CACHE", str(tmp_path / "cache"))  # so that the mesher is needed
     monkeypatch.setattr(registry, "_registered", list(registry._registered))
-    monkeypatch.setattr(registry, "_files", list(registry._files))
+    monkeypatch.setattr(registry, "_files", dict(registry._files))
     yield
     for name in [name for name in sys.modules if name.startswith("plugin_")]:
         del sys.modules[name]
@@ -130,6 +133,10 @@ def test_files_go_on_to_the_runs_of_studies(file: Path, tmp_path: Path) -> None:
     assert outcome.failure == ""
     assert outcome.run is not None
     assert outcome.run.case == case
+    assert repeat_commands(outcome.run)[-1].endswith(f"--plugin {file}")
+    assert run_cases({"one": case}, tmp_path / "runs", quiet=True)["one"].reused
+    registry._files[file] = "of another content"
+    assert _reusable(tmp_path / "runs" / "one", case) is None
 
 
 def test_what_another_process_knows(file: Path, tmp_path: Path) -> None:

@@ -142,10 +142,10 @@ def test_the_command_retries_what_failed_on_request(
         run_cases(cases, folder, quiet=quiet)
         return run_study(study_of(bad=cases["bad"]), folder, quiet=quiet).report
 
-    monkeypatch.setattr(cli, "find_study", lambda _: both)
+    monkeypatch.setattr(compare_tissues, "study", both)
     for more, wanted in (([], 3), ([], 3), (["--retry-failed"], 5)):
         with pytest.raises(SystemExit) as ended:
-            cli.main(["study", "some", "--output", str(tmp_path), "--quiet", *more])
+            cli.main(["study", "compare_tissues", "--output", str(tmp_path), "--quiet", *more])
         assert ended.value.code == 0
         assert len(computed) == wanted
     assert computed[3:] == ["bad", cases["bad"].digest[:16]]

@@ -48,10 +48,10 @@ class AcmeLaw(CompressibleNeoHookean):
 }
 
 
-def ended_well(*command: str | Path, folder: Path) -> str:
+def ended_well(*command: str | Path, folder: Path, **more: str) -> str:
     """Run a command without what the environment says of other modules, and return what it wrote."""
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    ended = subprocess.run(command, cwd=folder, env=environment | more, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
     return ended.stdout
 
@@ -70,10 +70,8 @@ class Installation:
 
     def install(self, project: Path) -> set[str]:
         """Build the wheel of a project and install it; return the names that it put beside other packages."""
-        pip, wheels = (
-            [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"],
-            self.folder / project.name,
-        )
+        pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+        wheels = self.folder / f"wheels-{project.name}"
         build = ["wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", wheels, project]
         ended_well(*pip, *build, folder=self.folder)
         (wheel,) = wheels.iterdir()
@@ -83,17 +81,16 @@ class Installation:
         return {path.name for path in new if path.suffix != ".dist-info"} - {"__pycache__"}
 
     def ngfsi(self, *arguments: str | Path, folder: Path) -> str:
-        return ended_well(self.folder / "bin" / "ngfsi", *arguments, folder=folder)
+        return ended_well(
+            self.folder / "bin" / "ngfsi", *arguments, folder=folder, NGFSI_CACHE=str(self.folder / "cache")
+        )
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Installation:
-    pytest.importorskip("hatchling")
     environment = Installation(tmp_path_factory.mktemp("environment") / "venv")
     assert environment.install(ROOT) == {"ngfsi", "ngfsi_geometry", "ngfsi_studies"}
-    where = (
-        "import ngfsi, ngfsi_geometry, ngfsi_studies as s; print(ngfsi.__file__, ngfsi_geometry.__file__, s.__file__)"
-    )
+    where = "import ngfsi, ngfsi_geometry as g, ngfsi_studies as s; print(ngfsi.__file__, g.__file__, s.__file__)"
     found = ended_well(environment.python, "-c", where, folder=environment.folder).split()
     assert all(Path(path).is_relative_to(environment.packages) for path in found)
     return environment

@@ -58,15 +58,17 @@ def repeat_commands(run: StoredRun) -> list[str]:
     """
     manifest = run.manifest
     versions = {name: version for name, version in manifest.get("versions", {}).items() if name not in _NOT_INSTALLED}
+    plugins = [name for name in versions if name.endswith(".py")]
     commit = manifest.get("commit")
     commands = [f"git checkout {commit['id']}"] if commit else []
     if commit and commit["dirty"]:
         commands.append("# the files differed from that commit")
     if versions:
-        commands.append(shlex.join(["pip", "install", *(f"{name}=={version}" for name, version in versions.items())]))
+        commands.append(shlex.join(["pip", "install", *(f"{n}=={v}" for n, v in versions.items() if n not in plugins)]))
     environment = " ".join(f"{name}={count}" for name, count in threads(manifest.get("threads", 1)).items())
     solver = manifest.get("linear_solver", run.case.solver.linear)
     words = ["ngfsi", "run", str(run.path / CASE), "--output", f"{run.path}-again", "--set", f"solver.linear={solver}"]
+    words += [word for plugin in plugins for word in ("--plugin", plugin)]
     return [*commands, f"{environment} {shlex.join(words)}"]
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import ngfsi
+from ngfsi import registry
 
 PACKAGES = ("ngsolve", "netgen-mesher", "numpy", "pyvista", "vtk", "mkl")
 
@@ -21,8 +22,8 @@ def now() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of this package, of Python and of the libraries that are installed."""
-    found = {"ngfsi": ngfsi.__version__, "python": platform.python_version()}
+    """Return the versions of this package, of Python, of the libraries that are installed and of plugins."""
+    found = {"ngfsi": ngfsi.__version__, "python": platform.python_version(), **registry.versions()}
     for name in PACKAGES:
         try:
             found[name] = version(name)

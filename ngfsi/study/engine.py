@@ -232,7 +232,8 @@ def _reusable(folder: Path, case: Case) -> Outcome | None:
     """Return the run of an equal case in the folder that is over, completed or failed, if there is one."""
     try:
         run = open_run(folder)
-        same = run.case.digest == case.digest and run.manifest.get("versions", {}).get("ngfsi") == ngfsi.__version__
+        known = {"ngfsi": ngfsi.__version__, **registry.versions()}
+        same = run.case.digest == case.digest and known.items() <= run.manifest.get("versions", {}).items()
     except NgfsiError:
         return None
     if same and run.status == "failed":

@@ -131,8 +131,8 @@ def _table(runs: Mapping[str, StoredRun], found: Mapping[str, Results], bars: Ma
         "refined one at a time; `order more` is the mesh of `demo` with elements of one order more. Error bars are\n"
         f"Richardson's: of the finest mesh with order {ORDER_IN_SPACE:g} in the size of its elements, of the shortest\n"
         f"step with the order seen in the three shortest, between {SLOWEST:g} and {FASTEST:g}. The errors of the\n"
-        "levels, in [accuracy.toml](../studies/ngfsi_studies/accuracy.toml), are the distance from the finest run plus\n"
-        "its error bar, those of space and time added.\n\n" + markdown_table(head, rows)
+        "levels, in [accuracy.toml](../studies/ngfsi_studies/accuracy.toml), are the distance from the finest run\n"
+        "plus its error bar, those of space and time added.\n\n" + markdown_table(head, rows)
     )
 
 

@@ -22,6 +22,7 @@ from ngfsi_geometry.segment import MeshSettings
 
 from ngfsi import cli
 from ngfsi.case import Case
+from ngfsi.case.geometries import name_of
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError
 from ngfsi.mesh.domain import Domain
@@ -161,8 +162,7 @@ def test_phantom_to_calf(label_file: Path) -> None:
 
 def case_of(geometry: ConfigModel) -> Case:
     written = Case.from_toml(Path(__file__).parents[2] / "studies" / "calf.toml").to_toml_dict()
-    written["geometry"] = {"type": f"{type(geometry).__module__}:{type(geometry).__qualname__}"}
-    written["geometry"] |= geometry.to_toml_dict()
+    written["geometry"] = {"type": name_of(type(geometry)), **geometry.to_toml_dict()}
     return Case.from_dict(written).replace(**{
         "name": "lofted", "loads.skin_pressure.duration": 0.1, "loads.skin_pressure.final": 1000.0, "time.step": 0.1,
         "time.end": 0.1, "output.stations": 3,
