@@ -16,6 +16,7 @@ from ngfsi.measure.sections import STATIONS, Sections
 from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
 from ngfsi.measure.wall import ShearStatistics, Wall
+from ngfsi.mesh.centreline import centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
@@ -63,8 +64,9 @@ class VesselProbe:
     def __init__(self, system: System, vessel: Vessel) -> None:
         self.system, self.vessel, self.domain = system, vessel, system.domain
         self.wall = Wall(system, vessel)
-        self.sections = Sections(system, vessel, STATIONS)
-        self.outlines = Sections(system, vessel, system.case.output.stations)
+        line = centrelines(system.domain, vessel)[vessel.outlets[0]]
+        self.sections = Sections(system, vessel, line)
+        self.outlines = Sections(system, vessel, line, system.case.output.stations)
         outside = system.domain.beyond(vessel)
         self._sides = {name: Side(system, name) for name in (vessel.wall, outside) if name and outside}
         self.load = WallLoad(system, vessel, self.sections, self._sides[outside], outside) if outside else None

@@ -11,15 +11,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.measure.sections import Arcs, Sections
+from ngfsi.measure.sections import Outlines, Sections
 
 Array = NDArray[np.float64]
 
-IN_PLANE = 1e-3
-"""Largest distance of an outline from its plane, as a share of the lumen's radius, that is none."""
-
 CUTS = 3
-"""Centroids, and with them the axis, move when the vein is cut anew."""
+"""Centroids, and with them the axis, move when the vessel is cut anew."""
+ALONG_X = 0.9
+"""Component of an axis above which angles are counted from y instead of x."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,8 @@ class Shape:
         hydraulic_diameter: 4 area / perimeter (m).
         circularity: 4 pi area / perimeter^2, 1 for a circle (Cox, J Paleontology 1, 1927).
         major, minor: semi-axes (m) of the ellipse with the same area and ratio of second moments.
-        angle: of the major axis against x in the section's plane (rad), from -pi/2 to pi/2.
+        angle: of the major axis against x in the section's plane (rad), from -pi/2 to pi/2; against y where the vessel
+            runs along x.
     """
 
     centre: Array
@@ -48,56 +48,54 @@ class Shape:
 
     @classmethod
     def of(cls, sections: Sections, *, cut: bool = False) -> Self:
-        """Return the shape in a refreshed set of two sections or more.
+        """Return the shape in a refreshed set of two whole sections or more.
 
-        Their outlines, in planes z = const, are looked at along the axis: exact where the vein is a cylinder, straight
-        or oblique, from one side of the outline to the other. Where a free end has moved in, planes before it cut no
-        whole outline: there stands the nearest section that is whole.
+        Their outlines are looked at along the axis: exact where the vessel is a cylinder, straight or oblique, from one
+        side of the outline to the other. Where a free end has moved in, planes before it cut no whole outline: there
+        stands the nearest section that is whole.
 
         Args:
-            cut: cut the vein anew, perpendicular to its axis, as a curved one needs; where such a plane leaves the
-                vein through an end, the outline at the height stays.
+            cut: cut the vessel anew, perpendicular to its axis, as a curved one needs; where such a plane leaves the
+                vessel through an end, the outline perpendicular to the centreline stays.
         """
-        off_plane = np.max(np.abs(sections.rings[..., 2] - sections.heights[:, None]), axis=1)
-        whole = np.flatnonzero(off_plane < IN_PLANE * sections.vein.lumen_radius)
-        if len(whole) < 2:
-            whole = np.arange(len(sections.heights))
-        nearest = np.argmin(np.abs(np.arange(len(sections.heights))[:, None] - whole), axis=1)
-        rings, heights = sections.rings[whole], sections.heights[whole]
-        found = cls._of_rings(rings, heights, sections.arcs)
+        heights, first = sections.heights[sections.whole], sections.planes(sections.whole)
+        found = cls._of(sections.outlines, heights)
         for _ in range(CUTS if cut else 0):
-            across = sections.across(whole, found.centre, found.axis)
-            left = np.abs(np.einsum("spk,sk->sp", across - found.centre[:, None], found.axis)).max(axis=1)
-            outside = left > IN_PLANE * sections.vein.lumen_radius
-            across[outside] = rings[outside]
-            found = cls._of_rings(across, heights, sections.arcs)
-        return found._taken(nearest)
+            centres, axes = found.centre.copy(), found.axis.copy()
+            outlines, whole = sections.across(centres, axes)
+            if not np.all(whole):
+                for planes, at_first in zip((centres, axes), first, strict=True):
+                    planes[~whole] = at_first[~whole]
+                outlines, _ = sections.across(centres, axes)
+            found = cls._of(outlines, heights)
+        return found._taken(sections.nearest_whole())
 
     def _taken(self, numbers: NDArray[np.int64]) -> Self:
         """Return the shapes of those sections."""
         return replace(self, **{field.name: getattr(self, field.name)[numbers] for field in fields(self)})
 
     @classmethod
-    def _of_rings(cls, rings: Array, heights: Array, arcs: Arcs) -> Self:
-        """Return the shape of outlines (stations, points, 3) in planes at the heights."""
+    def _of(cls, outlines: Outlines, heights: Array) -> Self:
+        """Return the shape of outlines at positions along the vessel (m)."""
         from scipy.interpolate import CubicSpline
 
-        tangents = arcs.derivative(rings)
-        centre = np.stack([np.mean(ring, axis=0) for ring in rings])
+        points, tangents, curve, integral = outlines.points, outlines.tangents(), outlines.curve, outlines.integral
+        centre = np.stack([ring.mean(axis=0) for ring in outlines.rings()])
         for _ in range(2):  # the centroid is known once the plane is, which needs the axis: a rough one first
             axis = CubicSpline(heights, centre)(heights, 1)
             axis /= np.linalg.norm(axis, axis=1)[:, None]
-            first = np.array([1.0, 0.0, 0.0]) - axis[:, :1] * axis
+            first = np.where(np.abs(axis[:, :1]) < ALONG_X, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+            first = first - np.sum(first * axis, axis=1)[:, None] * axis
             first /= np.linalg.norm(first, axis=1)[:, None]
             second = np.cross(axis, first)
-            x, y = (np.einsum("spk,sk->sp", rings - centre[:, None], way) for way in (first, second))
-            dx, dy = (np.einsum("spk,sk->sp", tangents, way) for way in (first, second))
-            area = arcs.integral(x * dy - y * dx) / 2
-            offsets = arcs.integral(x**2 * dy) / (2 * area), -arcs.integral(y**2 * dx) / (2 * area)
+            x, y = (np.einsum("apc,ac->ap", points - centre[curve][:, None], way[curve]) for way in (first, second))
+            dx, dy = (np.einsum("apc,ac->ap", tangents, way[curve]) for way in (first, second))
+            area = integral(x * dy - y * dx) / 2
+            offsets = integral(x**2 * dy) / (2 * area), -integral(y**2 * dx) / (2 * area)
             centre = centre + offsets[0][:, None] * first + offsets[1][:, None] * second
-        x, y = x - offsets[0][:, None], y - offsets[1][:, None]
-        xx, yy, xy = (arcs.integral(f) for f in (x**3 * dy / 3, -(y**3) * dx / 3, x**2 * y * dy / 2))
-        perimeter = arcs.integral(np.hypot(dx, dy))
+        x, y = x - offsets[0][curve][:, None], y - offsets[1][curve][:, None]
+        xx, yy, xy = (integral(f) for f in (x**3 * dy / 3, -(y**3) * dx / 3, x**2 * y * dy / 2))
+        perimeter = integral(np.hypot(dx, dy))
         spread, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
         ratio = np.sqrt((mean + spread) / (mean - spread))
         size = np.sqrt(area / np.pi)
