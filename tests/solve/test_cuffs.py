@@ -29,7 +29,7 @@ def cuff(**given: Any) -> Cuff:
 def system_with(*cuffs: Cuff, geometry: Any = TUBE) -> System:
     system = system_of(case_of(geometry, **{"loads.cuffs": cuffs}))
     system.set_steady()
-    system.set_loads(0.0)
+    system.update(0.0)
     return system
 
 
