@@ -61,13 +61,15 @@ class Opening(WithValue):
         given = geometry.inflow() if self.opening == "inlet" else None
         if given is None:
             face = profiles.developed(self.domain, self.opening, self._setup.order)
-            given = face * profiles.inwards(self.domain, self.opening, self.lumen)
-        self._set(field, given)
+            self._set(field, face * profiles.inwards(self.domain, self.opening, self.lumen))
+        else:
+            self._set(field, given, dual=False)
         return field
 
-    def _set(self, field: GridFunction, velocity: Any) -> None:
-        place = self._setup.unknowns.place(VELOCITY)
-        field.components[place].Set(velocity, definedon=self.domain.boundaries(self.opening), bonus_intorder=4)
+    def _set(self, field: GridFunction, velocity: Any, *, dual: bool = True) -> None:
+        """Give the relative velocity values on the opening; `dual`: exact, if they are of the velocity's space."""
+        place, face = self._setup.unknowns.place(VELOCITY), self.domain.boundaries(self.opening)
+        field.components[place].Set(velocity, definedon=face, bonus_intorder=4, dual=dual)
 
 
 def flux_through(fields: Fields, domain: Domain, opening: str, lumen: str) -> Any:

@@ -35,7 +35,9 @@ def system_with(*cuffs: Cuff, geometry: Any = TUBE) -> System:
 
 @cache
 def unloaded_system(geometry: Any) -> System:
-    return system_of(case_of(geometry))
+    system = system_of(case_of(geometry))
+    system.update(0.0)
+    return system
 
 
 def force_along(system: System, direction: ng.CoefficientFunction) -> float:

@@ -67,7 +67,7 @@ def prescribed(order: int, flow: Flow) -> System:
     p.Set(UNIFORM, definedon=fluid)
     value_of(system, "outlet").Set(UNIFORM + REFERENCE)
     system.reference().Set(REFERENCE)
-    system.prescribe()
+    system.conditions["outlet"].prescribe(system.values)  # the inlet's would be another flow
     return system
 
 

@@ -150,4 +150,4 @@ def test_a_tube_without_tissue() -> None:
 
 def test_rollers_need_space() -> None:
     with pytest.raises(CaseError, match=r"conditions\.ends = 'roller' is for segments in 3-D"):
-        Ends(domain_of(Beam(mesh=COARSE)), "roller")
+        Ends(domain_of(BeamInChannel(mesh=COARSE)), "roller")
