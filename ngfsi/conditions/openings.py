@@ -301,7 +301,9 @@ def through(domain: Domain, lumen: str, boundary: str, integrand: Any, elements:
     near = elements_at(domain, lumen, boundary)
     if elements is not None:
         near &= elements
-    return Integral([face * integrand], domain.dx(lumen, element_boundary=True, definedonelements=near))
+    # one order more, for the product of three velocities where blood comes back: 4e-4 of the force there become 1e-7
+    measure = domain.dx(lumen, element_boundary=True, definedonelements=near, bonus_intorder=1)
+    return Integral([face * integrand], measure)
 
 
 class FlowOpening(OpeningModel):

@@ -41,6 +41,7 @@ def first_step(case: Case) -> System:
     """Return the system at the beginning of its first step, from rest."""
     system = system_of(case)
     at_rest(system)
+    system.reference().Set(0.0)  # so the pressure of the blood is unknown as a whole
     return system
 
 
