@@ -39,8 +39,8 @@ def updates(order: int, backend: Name, ranks: Ranks) -> tuple[NDArray[np.float64
     mine = ng.BitArray(list(partition(domain, ranks.size) == ranks.rank))
     system = System(chosen, domain, ranks=ranks, elements=mine)
     unknowns, scale = system.unknowns, np.ones(system.unknowns.size)
-    made = Factorisation(system.tangent, unknowns.free(), backend, unknowns.equations, levels=lambda: levels_of(domain, unknowns),
-                         scale=lambda: scale, ranks=ranks)  # fmt: skip
+    made = Factorisation(system.tangent, unknowns.free(), backend, unknowns.equations, scale=lambda: scale,
+                         levels=lambda: levels_of(domain, unknowns), ranks=ranks)  # fmt: skip
     found, counts = [], [0]
     for prepare in (at_rest, _in_flow):
         prepare(system)

@@ -168,7 +168,7 @@ class GivenFlow(Opening):
         values[self._numbers] += self._shape * (left / self._developed_flux())
 
     def _developed_flux(self) -> float:
-        return float(abs(ng.Integrate(self._flux, self.domain.mesh)))
+        return abs(float(ng.Integrate(self._flux, self.domain.mesh)))
 
     def flow_scale(self) -> float:
         """Return the size of the present flow."""

@@ -134,6 +134,7 @@ class BloodReference(WithValue):
         domain, lumen = self._domain, self.vessel.lumen
         if domain.mesh.dim == 2:
             work = -terms.follower_pressure(pressure, Kinematics(ng.Grad(m)), ng.specialcf.normal(2), v)
+            assert lumen is not None  # it acts
             return [through(domain, lumen, self.vessel.interface, work, None)]
         k, out_of_blood = Kinematics(ng.Grad(m).Trace()), domain.outward_normal(lumen)
         work = -terms.follower_pressure(pressure, k, out_of_blood, v.Trace())

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from ngfsi.materials import CompressibleNeoHookean, MooneyRivlin, Newtonian
 from ngfsi.physics import terms
-from ngfsi.physics.kinematics import Kinematics
 from ngfsi.physics.integrals import Integral
+from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.forms import residual_form, tangent_form
 from tests.slopes import slope
 

@@ -87,8 +87,8 @@ def residual(system: System) -> Array:
 
 
 def expected(system: System, flow: Flow) -> Array:
-    """Return rho A u . v + sigma : grad v - div u q on the deformed shape, with the outlet's traction and, of blood that
-    enters there, the momentum of what differs from developed flow."""
+    """Return rho A u . v + sigma : grad v - div u q on the deformed shape, with the traction of the outlet and, of blood
+    that enters there, the momentum of what differs from developed flow."""
     domain, space = system.domain, system.unknowns.space
     v, _, dp = space.TestFunction()
     grad_v, rho, mu = ng.Grad(v), THICK.density, THICK.viscosity
