@@ -59,7 +59,7 @@ def steady_flow(system: System, backend: Name) -> Newton:
         SolverError: no steady flow was found.
     """
     system.set_steady()
-    flow = Newton(system, backend, "w", "p")
+    flow = Newton(system, backend, "w", "p", *system.unknowns.scales)
     in_load_steps(system, flow)
     _with_inertia(system, flow)
     return flow
