@@ -168,11 +168,11 @@ class GivenFlow(Opening):
         values[self._numbers] += self._shape * (left / self._developed_flux())
 
     def _developed_flux(self) -> float:
-        return abs(float(ng.Integrate(self._flux, self.domain.mesh)))
+        return float(abs(ng.Integrate(self._flux, self.domain.mesh)))
 
     def flow_scale(self) -> float:
         """Return the size of the present flow."""
-        return abs(self.value.Get())
+        return float(abs(self.value.Get()))
 
     def sentence(self) -> str:
         """Return what acts now."""

@@ -40,21 +40,22 @@ Array = NDArray[np.float64]
 
 RADIUS, MU, RHO = 5.55e-3, BLOOD.viscosity, BLOOD.density
 FLOW = 2.913e-6
-MESH = LoftedMesh(around=12, layers=1, inlet_layers=2, lumen_radii=(0.88, 0.6), curving_order=3)
+MESH = LoftedMesh(around=12, layers=1, inlet_layers=2, lumen_radii=(0.8, 0.5), curving_order=3)
 VENOUS = 1333.22
 
 
-def tube(a: float = RADIUS, b: float = RADIUS) -> LoftedVein:
-    """Return a rigid tube that begins as a circle and ends as an ellipse, of no less than three diameters."""
+def tube(a: float = RADIUS, b: float = RADIUS, order: int = 3) -> LoftedVein:
+    """Return a rigid tube that begins as a circle and ends as an ellipse, curved to an order."""
+    mesh = MESH.replace(curving_order=order)
     heights = tuple(map(float, np.linspace(0, 4e-3, 4)))
-    return LoftedVein(outlines=(ellipse(a, b),) * 4, heights=heights, inlet_diameters=1.0, mesh=MESH)
+    return LoftedVein(outlines=(ellipse(a, b),) * 4, heights=heights, inlet_diameters=1.0, mesh=mesh)
 
 
 def case_with(order: int = 3, **openings: OpeningModel) -> Case:
     """Return the case of the straight rigid tube."""
     return Case(
         name="opening",
-        geometry=tube(),
+        geometry=tube(order=order),
         materials=Materials(fluid=BLOOD),
         loads=Loads(openings=openings),
         conditions=Conditions(ends="clamped"),
@@ -63,8 +64,8 @@ def case_with(order: int = 3, **openings: OpeningModel) -> Case:
     )
 
 
-def system_with(**openings: OpeningModel) -> System:
-    case = case_with(**openings)
+def system_with(order: int = 3, **openings: OpeningModel) -> System:
+    case = case_with(order, **openings)
     return System(case, domain_of(case.geometry))
 
 
@@ -146,7 +147,7 @@ def test_flat_profile() -> None:
     system.update(0.0)
     system.prescribe()
     radii, found = at_inlet(system, velocity(system))
-    core, rim = found[radii < 0.87 * RADIUS], found[radii > 0.999 * RADIUS]
+    core, rim = found[radii < 0.79 * RADIUS], found[radii > 0.999 * RADIUS]
     mean_velocity = FLOW / (np.pi * RADIUS**2)
     assert core[:, 2] == pytest.approx(np.full(len(core), core[0, 2]), rel=1e-6)
     assert np.abs(found[:, :2]).max() < 1e-6 * mean_velocity
@@ -169,7 +170,7 @@ def test_womersley_profile() -> None:
     """The velocity at the inlet over a period, and what shear it makes on the wall there: more than developed flow, and
     ahead of it."""
     sine = FlowHarmonics(mean=0.0, amplitudes=(FLOW,), phases=(0.0,), period=1.0)
-    system = system_with(inlet=FlowOpening(flow=sine, profile="womersley"), outlet=pressure(0.0))
+    system = system_with(4, inlet=FlowOpening(flow=sine, profile="womersley"), outlet=pressure(0.0))
     amplitude = np.abs([pulse(0.0, t) for t in np.linspace(0, 1, 40)]).max()
     shears, times = [], np.arange(8) / 8
     outwards = ng.CF((ng.x, ng.y, 0)) / ng.sqrt(ng.x**2 + ng.y**2)
@@ -178,28 +179,23 @@ def test_womersley_profile() -> None:
         system.prescribe()
         w = velocity(system)
         radii, found = at_inlet(system, w[2])
-        assert np.abs(found.ravel() - pulse(radii, t)).max() < 5e-3 * amplitude, t
+        assert np.abs(found.ravel() - pulse(radii, t)).max() < 2e-3 * amplitude, t
         flux = mean(system, w[2], "inlet") * system.domain.area("inlet")
         assert flux == pytest.approx(sine(t), abs=1e-10 * FLOW)
         radii, slopes = at_inlet(system, ng.BoundaryFromVolumeCF(ng.Grad(w)[2, :] * outwards))
         shears.append(-MU * slopes.ravel()[radii > 0.999 * RADIUS].mean())
     found = 2 * np.mean(np.array(shears) * np.exp(-2j * np.pi * times))
     ratio = jv(1, KAPPA) / jv(0, KAPPA)
-    exact = MU * FLOW / (np.pi * RADIUS**3) * KAPPA * ratio / (1 - 2 * ratio / KAPPA)
+    exact = -MU * FLOW / (np.pi * RADIUS**3) * KAPPA * ratio / (1 - 2 * ratio / KAPPA)
     assert abs(exact) == pytest.approx(0.16693, rel=1e-4)
     assert np.degrees(np.angle(exact)) == pytest.approx(36.3, abs=0.05)
-    assert abs(found) == pytest.approx(abs(exact), rel=2e-2)
-    assert np.degrees(np.angle(found)) == pytest.approx(np.degrees(np.angle(exact)), abs=1.0)
+    assert abs(found) == pytest.approx(abs(exact), rel=3e-3)
+    assert np.degrees(np.angle(found)) == pytest.approx(np.degrees(np.angle(exact)), abs=0.2)
 
 
 def test_womersley_profile_of_a_constant_flow_is_refused() -> None:
     with pytest.raises(CaseError, match="'womersley' at 'inlet' needs a periodic flow"):
         system_with(inlet=FlowOpening(flow=FlowConstant(value=FLOW), profile="womersley"), outlet=pressure(0.0))
-
-
-def test_an_opening_without_a_condition_is_refused() -> None:
-    """Those called inlet and outlet have the short forms of the case."""
-    assert Loads().opening("side_2") is None
 
 
 # ---------------------------------------------------------------- openings
@@ -217,8 +213,8 @@ def test_resistance(distal: float) -> None:
     assert beyond == pytest.approx(resistance * outlet.outflow(), rel=1e-8)
     at_outlet, at_inlet = (mean(system, system.blood_pressure(), name) for name in ("outlet", "inlet"))
     assert at_outlet - distal == pytest.approx(2.0, rel=1e-3)
-    assert at_inlet - at_outlet == pytest.approx(GRADIENT * length(system), rel=5e-3)
-    assert difference(system, velocity(system), PARABOLA) < 5e-3
+    assert at_inlet - at_outlet == pytest.approx(GRADIENT * length(system), rel=2e-3)
+    assert difference(system, velocity(system), PARABOLA) < 2e-3
 
 
 def test_free_opening() -> None:
@@ -238,14 +234,14 @@ def test_free_opening() -> None:
 def test_reversed_flow() -> None:
     """Blood that enters through the outlet does so developed: velocity and wall shear are those of forward flow."""
     forward, back = (solved(inlet=flow(sign * FLOW), outlet=pressure(0.0)) for sign in (1, -1))
-    assert difference(back, -velocity(back), velocity(forward)) < 5e-3
-    assert difference(back, -velocity(back), PARABOLA, "outlet") < 5e-3
+    assert difference(back, -velocity(back), velocity(forward)) < 1e-3
+    assert difference(back, -velocity(back), PARABOLA, "outlet") < 2e-3
     shears = []
     for system in (forward, back):
         wall = Wall(system)
         wall.refresh()
         shears.append(wall.sample(1).shear)
-    assert np.abs(shears[0] + shears[1]).max() < 5e-3 * np.linalg.norm(shears[0], axis=1).max()
+    assert np.abs(shears[0] + shears[1]).max() < 2e-3 * np.linalg.norm(shears[0], axis=1).max()
 
 
 def test_no_flow_at_all() -> None:

@@ -88,8 +88,8 @@ def residual(system: System) -> Array:
 
 
 def expected(system: System, flow: Flow, *, free: bool = False) -> Array:
-    """Return rho A u . v + sigma : grad v - div u q on the deformed shape, with the traction of the outlet and, where blood
-    enters there, the momentum of what differs from developed flow."""
+    """Return rho A u . v + sigma : grad v - div u q on the deformed shape, with the traction of the outlet and, where
+    blood enters there, the momentum of what differs from developed flow; `free`: without that traction."""
     domain, space = system.domain, system.unknowns.space
     v, _, dp = space.TestFunction()
     grad_v, rho, mu = ng.Grad(v), THICK.density, THICK.viscosity
