@@ -62,7 +62,7 @@ def test_shares_sum_up_to_the_system() -> None:
     owners = partition(domain, 3)
     whole = System(SQUEEZED, domain)
     parts = [System(SQUEEZED, domain, ranks=lonely(r), elements=ng.BitArray(list(owners == r))) for r in range(3)]
-    whole.set_loads(0.1)
+    whole.update(0.1)
     whole.values[:] = 1e-4 * np.random.default_rng(4).standard_normal(whole.unknowns.size)
     for part in parts:
         part.restore(whole.snapshot())

@@ -14,6 +14,7 @@ from ngfsi.case import Case
 from ngfsi.linear import multigrid
 from ngfsi.linear.backends import Name
 from ngfsi.linear.factorisation import Factorisation
+from ngfsi.linear.levels import levels_of
 from ngfsi.parallel.ranks import Ranks
 from ngfsi.solve.worker import partition
 from ngfsi.system.system import System
@@ -38,8 +39,8 @@ def updates(order: int, backend: Name, ranks: Ranks) -> tuple[NDArray[np.float64
     mine = ng.BitArray(list(partition(domain, ranks.size) == ranks.rank))
     system = System(chosen, domain, ranks=ranks, elements=mine)
     unknowns, scale = system.unknowns, np.ones(system.unknowns.size)
-    made = Factorisation(system.tangent, unknowns.free(), backend, unknowns.equations, levels=lambda: system.levels,
-                         scale=lambda: scale, ranks=ranks)  # fmt: skip
+    made = Factorisation(system.tangent, unknowns.free(), backend, unknowns.equations, scale=lambda: scale,
+                         levels=lambda: levels_of(domain, unknowns), ranks=ranks)  # fmt: skip
     found, counts = [], [0]
     for prepare in (at_rest, _in_flow):
         prepare(system)
@@ -55,7 +56,7 @@ def updates(order: int, backend: Name, ranks: Ranks) -> tuple[NDArray[np.float64
 
 
 def _in_flow(system: System) -> None:
-    system.set_loads(0.0)
+    system.update(0.0)
     randomise(system, amplitude=1e-5)
     system.new_weight.Set(1e4)
 

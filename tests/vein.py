@@ -12,9 +12,11 @@ import numpy as np
 from ngfsi_geometry.plane import Circle
 from ngfsi_geometry.segment import MeshSettings, VeinSegment
 from ngfsi_geometry.tube import TubeSegment
+from ngsolve import Parameter
 from numpy.typing import NDArray
 
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, TimeStepping
+from ngfsi.conditions import WithValue
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean, Newtonian, load_set
@@ -23,6 +25,7 @@ from ngfsi.mesh.generate import MeshReport, quiet
 from ngfsi.registry import register
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
+from ngfsi.system.forms import residual_form
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import BLOCKS
 from tests.slopes import slope
@@ -119,7 +122,20 @@ def position() -> ng.CoefficientFunction:
 
 def set_motion(system: System, motion: ng.CoefficientFunction) -> None:
     """Deform tissue and lumen by one displacement field of polynomial degree within the order."""
-    system.state.components[0].Set(motion)
+    system.motion.Set(motion)
+
+
+def value_of(system: System, condition: str) -> Parameter:
+    """Return the number that a condition acts with (SI), to read and to set."""
+    found = system.conditions[condition]
+    assert isinstance(found, WithValue)
+    return found.value
+
+
+def blood_form(system: System) -> ng.BilinearForm:
+    """Return the residual of all that the blood does: its own, and the reference pressure that it puts on the wall."""
+    reference = system.conditions["blood"].integrals(None)
+    return residual_form(system.unknowns.space, [*system.blood_integrals(), *reference])
 
 
 def randomise(system: System, seed: int = 1, amplitude: float = 4e-4) -> None:
@@ -128,9 +144,10 @@ def randomise(system: System, seed: int = 1, amplitude: float = 4e-4) -> None:
     scales = {"d": amplitude, "w": 0.1, "p": 1000.0, "e": amplitude}
     rate = 20.0
     system.new_weight.Set(rate)
-    system.skin_pressure.Set(700.0)
-    system.outlet_pressure.Set(1300.0)
-    system.flow_rate = 3e-6
+    system.reference().Set(500.0)
+    for condition, value in {"on the skin": 700.0, "outlet": 1300.0, "inlet": 3e-6}.items():
+        if condition in system.conditions:
+            value_of(system, condition).Set(value)
     for name in BLOCKS:
         part = system.unknowns.blocks[name]
         fixed = ~system.unknowns.free()[part]
@@ -142,13 +159,13 @@ def randomise(system: System, seed: int = 1, amplitude: float = 4e-4) -> None:
             values = scales[name] * factor * rng.standard_normal(len(part))
             values[fixed] = 0.0
             vector.FV().NumPy()[part] = values
-    system.apply_inflow()
+    system.prescribe()
 
 
 @contextmanager
 def deformed(system: System) -> Iterator[None]:
     """Let the mesh be the deformed shape."""
-    mesh, displacement = system.domain.mesh, system.state.components[0]
+    mesh, displacement = system.domain.mesh, system.motion
     reference = mesh.deformation
     moved = ng.GridFunction(ng.VectorH1(mesh, order=system.unknowns.order))
     mesh.UnsetDeformation()

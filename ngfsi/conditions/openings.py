@@ -60,8 +60,9 @@ class Opening(WithValue):
         given = geometry.inflow() if self.opening == "inlet" else None
         if given is None:
             face = developed(self.domain, self.opening, self._setup.order)
-            given = face * inwards(self.domain, self.opening, self.lumen)
-        self._set(field, given)
+            self._set(field, face * inwards(self.domain, self.opening, self.lumen))
+        else:
+            self._set(field, given, dual=False)
         return field
 
     def _inflow_of(self, field: GridFunction) -> Any:
@@ -74,9 +75,10 @@ class Opening(WithValue):
     def _size(self, flux: Any) -> float:
         return float(abs(ng.Integrate(flux, self.domain.mesh)))
 
-    def _set(self, field: GridFunction, velocity: Any) -> None:
-        place = self._setup.unknowns.place(VELOCITY)
-        field.components[place].Set(velocity, definedon=self.domain.boundaries(self.opening), bonus_intorder=4)
+    def _set(self, field: GridFunction, velocity: Any, *, dual: bool = True) -> None:
+        """Give the relative velocity values on the opening; `dual`: exact, if they are of the velocity's space."""
+        place, face = self._setup.unknowns.place(VELOCITY), self.domain.boundaries(self.opening)
+        field.components[place].Set(velocity, definedon=face, bonus_intorder=4, dual=dual)
 
 
 def flux_through(fields: Fields, domain: Domain, opening: str, lumen: str) -> Any:
@@ -173,7 +175,7 @@ class GivenFlow(Opening):
 
     def flow_scale(self) -> float:
         """Return the size of the present flow."""
-        return abs(self.value.Get())
+        return float(abs(self.value.Get()))
 
     def sentence(self) -> str:
         """Return what acts now."""
@@ -214,8 +216,16 @@ class Traction(Opening):
         """
         setup = self._setup
         fields = setup.fields(setup.trial)
-        traction = self._traction(fields, Kinematics(fields.grad_motion), setup.test[MOTION])
-        return [through(setup.domain, self.lumen, self.opening, traction, elements)]
+        k, v = Kinematics(fields.grad_motion), setup.test[MOTION]
+        work = self._traction(fields, k, v)
+        found = [through(setup.domain, self.lumen, self.opening, work, elements)]
+        if self._back is not None:
+            entering = self._entering * self._back.components[setup.unknowns.place(VELOCITY)]
+            normal, difference = ng.specialcf.normal(setup.domain.mesh.dim), fields.velocity - entering
+            work = terms.backflow(setup.blood_density, k, difference, fields.relative, normal, v)
+            # one order more, for the product of three velocities: 4e-4 of the force become 1e-7
+            found.append(through(setup.domain, self.lumen, self.opening, work, elements, bonus=1))
+        return found
 
     def blood_integrals(self, elements: ng.BitArray | None) -> list[Integral]:
         """Return the virtual work of the traction, which acts on the blood."""
@@ -225,13 +235,8 @@ class Traction(Opening):
         setup, normal = self._setup, ng.specialcf.normal(self.domain.mesh.dim)
         assert setup.fluid is not None
         if self._developed:
-            traction = terms.opening(setup.fluid, self.pressure(), k, f.grad_velocity, normal, v)
-        else:
-            traction = terms.follower_pressure(self.pressure(), k, normal, v)
-        if self._back is None:
-            return traction
-        entering = self._entering * self._back.components[setup.unknowns.place(VELOCITY)]
-        return traction + terms.backflow(setup.blood_density, k, f.velocity - entering, f.relative, normal, v)
+            return terms.opening(setup.fluid, self.pressure(), k, f.grad_velocity, normal, v)
+        return terms.follower_pressure(self.pressure(), k, normal, v)
 
     def prescribe(self, _values: Vector) -> None:
         """Take the flow with which blood comes back through an outlet."""
@@ -298,14 +303,17 @@ class ResistiveTraction(Traction):
         return [Integral([balance], self.domain.ds(self.opening, bonus_intorder=2 * setup.order))]
 
 
-def through(domain: Domain, lumen: str, boundary: str, integrand: Any, elements: ng.BitArray | None) -> Integral:
+def through(
+    domain: Domain, lumen: str, boundary: str, integrand: Any, elements: ng.BitArray | None, bonus: int = 0
+) -> Integral:
     """Return an integrand, which may hold the whole gradient, on a boundary of the blood, the normal pointing out."""
     face = GridFunction(ng.FacetFESpace(domain.mesh, order=0))
     face.Set(1, definedon=domain.boundaries(boundary))
     near = elements_at(domain, lumen, boundary)
     if elements is not None:
         near &= elements
-    return Integral([face * integrand], domain.dx(lumen, element_boundary=True, definedonelements=near))
+    measure = domain.dx(lumen, element_boundary=True, definedonelements=near, bonus_intorder=bonus)
+    return Integral([face * integrand], measure)
 
 
 class FlowOpening(OpeningModel):

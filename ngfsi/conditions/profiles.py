@@ -40,8 +40,9 @@ def womersley(domain: Domain, opening: str, order: int, parameter: float) -> ng.
 
 def _on_face(domain: Domain, opening: str, order: int, load: float, mass: complex) -> ng.GridFunction:
     """Solve -laplace u + mass u = load on an opening's face, zero on its rim."""
-    # on a space of the face alone NGSolve's gradients would ignore the displacement to the curved shape
-    space = ng.H1(domain.mesh, order=order, complex=bool(mass))
+    face, lumens = domain.boundaries(opening), domain.materials(*domain.lumens)
+    # a space of the face alone has no functions on other boundaries, from which to tell its rim
+    space = ng.H1(domain.mesh, order=order, definedon=lumens, complex=bool(mass))
     trial, test = space.TnT()
     over = domain.ds(opening, bonus_intorder=2 * order)
     form = ng.BilinearForm(space, check_unused=False)

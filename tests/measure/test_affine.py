@@ -16,7 +16,7 @@ from ngfsi.measure.quantities import row
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.shape import Shape
 from ngfsi.system.system import System
-from tests.vein import BLOOD, BONED, TISSUE, case_of, position, set_motion, system_of
+from tests.vein import BLOOD, BONED, TISSUE, case_of, position, set_motion, system_of, value_of
 
 Array = NDArray[np.float64]
 
@@ -34,11 +34,11 @@ def probe(request: pytest.FixtureRequest) -> Probe:
     geometry = BONED.replace(**{"mesh.curving_order": request.param})
     system = system_of(case_of(geometry, **{"materials.wall": WALL}))
     motion = matrix(F) * position() - position()
-    system.state.components[0].Set(motion)
+    system.motion.Set(motion)
     system.new_weight.Set(2.0)
     velocity = matrix(A) * (matrix(F) * position())
     system.velocity_history.components[0].Set(velocity - 2 * motion)
-    system.flow_rate = FLOW
+    value_of(system, "inlet").Set(FLOW)
     probe = Probe(system)
     probe.refresh()
     return probe

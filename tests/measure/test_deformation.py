@@ -20,7 +20,7 @@ def system() -> System:
 
 def squeeze(system: System, share: float) -> None:
     """Displace by -share z^2 / L along the vein: det F = 1 - 2 share z / L, smallest at the outlet."""
-    system.state.components[0].Set(ng.CF((0, 0, -share * ng.z**2 / TUBE.length)))
+    system.motion.Set(ng.CF((0, 0, -share * ng.z**2 / TUBE.length)))
 
 
 def height(text: str) -> float:
@@ -69,7 +69,7 @@ def test_lost_stability_of_a_material_is_announced_once_and_named() -> None:
     deformation = Deformation(system)
     squeeze = 1 - math.sqrt(1 - 2 * WALL.shear_modulus / (WALL.lame + 2 * WALL.shear_modulus))
     for share in (0.99, 1.01):
-        system.state.components[0].Set(ng.CF((0, 0, -share * squeeze * ng.z)))
+        system.motion.Set(ng.CF((0, 0, -share * squeeze * ng.z)))
         lost = share > 1
         warnings = deformation.approaching()
         assert len(warnings) == (1 if lost else 0)

@@ -19,7 +19,7 @@ def test_volume_of_any_lumen(order: int) -> None:
     system = system_of(case_of(BONED.replace(**{"mesh.curving_order": order})))
     randomise(system)
     probe = Probe(system)
-    fields, domain = system.fields(system.state.components), system.domain
+    fields, domain = system.fields(), system.domain
     k = Kinematics(fields.grad_motion)
     rate = system.new_weight * fields.grad_motion + ng.Grad(system.velocity_history.components[0])
     for name, integrand in (("lumen volume", k.J), ("lumen rate", ng.InnerProduct(k.cof, rate))):

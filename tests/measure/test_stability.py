@@ -20,7 +20,7 @@ from ngfsi.measure.shape import Shape
 from ngfsi.measure.stability import Stability, Stage
 from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System
-from tests.vein import BLOOD, BONED, case_of, position, set_motion, system_of
+from tests.vein import BLOOD, BONED, case_of, position, set_motion, system_of, value_of
 
 LEVY = REFERENCES[0].value
 RADIUS, THICKNESS = 10e-3, 0.5e-3
@@ -49,14 +49,13 @@ def ring(**changes: Any) -> tuple[System, Newton]:
     ).replace(**changes)
     system = system_of(case)
     system.set_steady()
-    system.set_loads(0.0)
-    system.state.components[2].Set(BLOOD_PRESSURE, definedon=system.domain.materials("fluid"))
+    system.update(0.0)
     return system, Newton(system, choose_backend("auto"), "d", "e")
 
 
 def press(system: System, newton: Newton, scaled: float) -> None:
     """Find equilibrium under a difference of pressures, over E/(1 - nu^2) h^3 / (12 R^3)."""
-    system.skin_pressure.Set(scaled * SCALE + BLOOD_PRESSURE)
+    value_of(system, "on the skin").Set(scaled * SCALE + BLOOD_PRESSURE)
     newton.solve(1e-9, 20)
 
 
@@ -90,7 +89,7 @@ def test_continued_stages_are_the_same() -> None:
 
     def stage(system: System, stability: Stability, share: float) -> Stage:
         set_motion(system, share * ng.CF(squeeze))
-        system.skin_pressure.Set(share * 1e5)
+        value_of(system, "on the skin").Set(share * 1e5)
         return stability.refresh()
 
     systems = [system_of(case_of(BONED)) for _ in range(3)]

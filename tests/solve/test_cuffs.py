@@ -29,13 +29,15 @@ def cuff(**given: Any) -> Cuff:
 def system_with(*cuffs: Cuff, geometry: Any = TUBE) -> System:
     system = system_of(case_of(geometry, **{"loads.cuffs": cuffs}))
     system.set_steady()
-    system.set_loads(0.0)
+    system.update(0.0)
     return system
 
 
 @cache
 def unloaded_system(geometry: Any) -> System:
-    return system_of(case_of(geometry))
+    system = system_of(case_of(geometry))
+    system.update(0.0)
+    return system
 
 
 def force_along(system: System, direction: ng.CoefficientFunction) -> float:

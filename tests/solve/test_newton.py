@@ -43,7 +43,7 @@ class Algebraic:
         self.state = SimpleNamespace(vec=BaseVector(SIZE))
         self.new_weight, self.blood_density = Parameter(10.0), Parameter(1060.0)
         self.tangent = None
-        self.inflow_calls = 0
+        self.prescribed = 0
         self._residual = BaseVector(SIZE)
         self.values[:] = 0.0
 
@@ -64,8 +64,8 @@ class Algebraic:
     def changed_state(self) -> dict[str, Vector]:
         raise AssertionError("there is nobody to tell")
 
-    def apply_inflow(self) -> None:
-        self.inflow_calls += 1
+    def prescribe(self) -> None:
+        self.prescribed += 1
 
     def residual(self) -> Any:
         y = self.values / SCALE
@@ -153,7 +153,7 @@ def test_solution(make: Make) -> None:
     assert system.values / SCALE == pytest.approx(SOLUTION, rel=1e-9)
     assert set(solution.changes) == set(BLOCKS)
     assert max(solution.changes.values()) < 1e-10
-    assert system.inflow_calls >= 1
+    assert system.prescribed >= 1
 
 
 @pytest.mark.parametrize("name", BLOCKS)

@@ -14,6 +14,7 @@ from ngfsi_geometry.tube import BareTube
 from ngfsi_studies.verification.plane import case_of
 
 from ngfsi.case import Case, Materials
+from ngfsi.conditions import Ends, GivenVelocity
 from ngfsi.errors import CaseError, GeometryError, RegionError
 from ngfsi.materials import CompressibleNeoHookean, Newtonian
 from ngfsi.run import run
@@ -53,7 +54,8 @@ def test_what_is_held() -> None:
     """Rigid boundaries hold mesh and fluid, clamped ends the mesh; the interface holds the relative velocity alone."""
     geometry = BeamInChannel(mesh=COARSE)
     domain = domain_of(geometry)
-    unknowns = Unknowns.build(domain, 2, "clamped")
+    given = GivenVelocity("inlet", lambda _: ng.CF((1, 0)))
+    unknowns = Unknowns.build(domain, 2, [Ends(domain, "clamped"), given])
     field = ng.GridFunction(unknowns.space)
     field.vec.FV().NumPy()[:] = np.where(unknowns.free(), np.random.default_rng(0).standard_normal(unknowns.size), 0.0)
     m, w, _ = field.components
@@ -147,5 +149,5 @@ def test_a_tube_without_tissue() -> None:
 
 
 def test_rollers_need_space() -> None:
-    with pytest.raises(CaseError, match=r"conditions\.ends = 'roller' is for segments in space"):
-        Unknowns.build(domain_of(Beam(mesh=COARSE)), 2, "roller")
+    with pytest.raises(CaseError, match=r"conditions\.ends = 'roller' is for segments in 3-D"):
+        Ends(domain_of(BeamInChannel(mesh=COARSE)), "roller")

@@ -20,7 +20,7 @@ from ngfsi.system.system import System
 from tests.conftest import SQUEEZED
 from tests.runs import Run, computed, largest_change
 from tests.slopes import apply
-from tests.vein import BLOOD, BONED, TUBE, block, case_of, steady
+from tests.vein import BLOOD, BONED, TUBE, block, blood_form, case_of, steady
 
 FLOW = 2.913e-6
 AREA, SHEAR = "lumen_area_mean_m2", "sawss_Pa"
@@ -92,7 +92,7 @@ def test_state_at_the_start_is_a_solution(held: Run) -> None:
 
 def forces(system: System) -> tuple[Any, Any]:
     """Return the residual, and the blood's share of it."""
-    both = (apply(one, system.state.vec, system.values) for one in (system.form, system.fluid_form()))
+    both = (apply(one, system.state.vec, system.values) for one in (system.form, blood_form(system)))
     residual, blood = (raw[system.unknowns.equations] for raw in both)
     return residual, blood
 
@@ -142,7 +142,7 @@ def test_sections_hold_the_volume(squeezed: Run) -> None:
 def test_end_conditions(ends: Any, held: tuple[int, ...]) -> None:
     """End faces of solids and mesh stay in their plane (roller), stay at all (clamped), or move along z (free)."""
     system = computed(SQUEEZED.replace(**{"conditions.ends": ends, "time.end": 0.1})).system
-    motion, domain = system.fields(system.state.components).motion, system.domain
+    motion, domain = system.fields().motion, system.domain
     for face in ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outlet"):
         measure = domain.ds(face)
         size = [float(ng.Integrate(motion[i] * motion[i] * measure, domain.mesh)) ** 0.5 for i in range(3)]
@@ -248,7 +248,7 @@ def area_loss(law: SolidLaw, pressure: float) -> float:
             },
         )
     )
-    J = ng.Det(ng.Id(3) + system.fields(system.state.components).grad_motion)
+    J = ng.Det(ng.Id(3) + system.fields().grad_motion)
     return 1 - ng.Integrate(J * system.domain.dx("fluid"), system.domain.mesh) / system.domain.volume("fluid")
 
 
@@ -288,7 +288,7 @@ def test_order_in_time(oozing: tuple[System, Newton], scheme: str, order: float)
         newton = Newton(system, choose_backend("auto"))
         for _ in TimeLoop(system.case, system, newton).run():
             pass
-        J = ng.Det(ng.Id(3) + system.fields(system.state.components).grad_motion)
+        J = ng.Det(ng.Id(3) + system.fields().grad_motion)
         areas.append(ng.Integrate(J * system.domain.dx("fluid"), system.domain.mesh))
     system.values[:] = start
     coarse, fine = np.diff(areas)

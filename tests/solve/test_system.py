@@ -13,7 +13,18 @@ from ngfsi.physics import terms
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import BLOCKS
 from tests.slopes import apply, difference
-from tests.vein import block, case_of, column_slope, deformed, position, randomise, rows, system_of
+from tests.vein import (
+    block,
+    blood_form,
+    case_of,
+    column_slope,
+    deformed,
+    position,
+    randomise,
+    rows,
+    system_of,
+    value_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -69,7 +80,7 @@ def test_tissue_neither_pushes_nor_turns_itself(lively: System) -> None:
         work = terms.internal_work(law, ng.Id(3) + ng.Grad(d), ng.Grad(v), lively.stress_free_gradient())
         form += work * lively.domain.dx(name)
     forces = block(lively, "d", apply(form, lively.state.vec, lively.values))
-    place = position() + lively.state.components[0]
+    place = position() + lively.motion
     axis = ng.CF((0.3, -0.5, 0.8))
     motions = [ng.CF((1, 0, 0)), ng.CF((0, 1, 0)), ng.CF((0, 0, 1)), ng.Cross(axis, place) / 1e-2]
     test = ng.GridFunction(space)
@@ -82,16 +93,16 @@ def test_tissue_neither_pushes_nor_turns_itself(lively: System) -> None:
 def test_inertia_and_skin_pressure_of_the_tissue(lively: System) -> None:
     """Virtual work of translations: mass times acceleration, and the force of the pressure on the deformed skin."""
     space, domain = lively.unknowns.space, lively.domain
-    whole, blood = (apply(form, lively.state.vec, lively.values) for form in (lively.form, lively.fluid_form()))
+    whole, blood = (apply(form, lively.state.vec, lively.values) for form in (lively.form, blood_form(lively)))
     forces = block(lively, "d", whole - blood)
-    d, rate = lively.state.components[0], lively.new_weight.Get()
+    d, rate = lively.motion, lively.new_weight.Get()
     solid_rate = rate * d + lively.velocity_history.components[0]
     acceleration = rate * solid_rate + lively.acceleration_history.components[0]
     with deformed(lively):
         skin = integral(ng.specialcf.normal(3), domain.ds("skin", bonus_intorder=4), domain.mesh)
     masses = [law.density * integral(acceleration, domain.dx(name), domain.mesh) for name, law in lively.solids.items()]
     inertia = sum(masses)
-    wanted = inertia + lively.skin_pressure.Get() * skin
+    wanted = inertia + value_of(lively, "on the skin").Get() * skin
     test, found = ng.GridFunction(space), []
     for motion in np.eye(3):
         test.components[0].Set(ng.CF(tuple(motion)), definedon=domain.materials(*domain.geometry.solids))

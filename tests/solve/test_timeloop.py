@@ -37,21 +37,30 @@ class Scalar:
     load: float = 0.0
     time: float = 0.0
     weights: list[Weights] = field(default_factory=list)
+    sizes: list[float] = field(default_factory=list)
+    accepted: list[float] = field(default_factory=list)
 
-    def set_loads(self, t: float) -> None:
+    def update(self, t: float) -> None:
         self.time, self.load = t, self.case.loads.skin_pressure(t)
 
-    def set_rates(self, w: Weights, states: tuple[Vector, Vector], rates: tuple[Vector, Vector]) -> None:
+    def set_rates(self, w: Weights, states: tuple[Vector, Vector], rates: tuple[Vector, Vector], step: float) -> None:
         self.weights.append(w)
+        self.sizes.append(step)
         self.new = w.new
         self.velocity_history = w.old * states[0] + w.older * states[1]
         self.acceleration_history = w.old * rates[0] + w.older * rates[1]
 
     def snapshot(self) -> dict[str, Vector]:
-        return {"values": self.values.copy()}
+        return {"values": self.values.copy(), "load": np.array([self.load])}
 
     def restore(self, snapshot: dict[str, Vector]) -> None:
-        self.values[:] = snapshot["values"]
+        self.values[:], self.load = snapshot["values"], float(snapshot["load"][0])
+
+    def accept(self) -> None:
+        self.accepted.append(self.time)
+
+    def sentence(self) -> str:
+        return f"{self.load:.4g} Pa on the skin"
 
     def block_scales(self) -> dict[str, float]:
         return {"d": 1.0}

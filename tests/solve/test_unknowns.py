@@ -8,6 +8,7 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
+from ngfsi.conditions import Ends, GivenVelocity
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain
 from ngfsi.system.unknowns import BLOCKS, Unknowns
@@ -19,6 +20,11 @@ ENDS = ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outl
 @pytest.fixture(scope="module")
 def domain() -> Domain:
     return domain_of(BONED)
+
+
+def unknowns_of(domain: Domain, order: int, ends: Any) -> Unknowns:
+    """Return the unknowns of a domain with a given flow at its inlet."""
+    return Unknowns.build(domain, order, [Ends(domain, ends), GivenVelocity("inlet", lambda _: ng.CF((0, 0, 1)))])
 
 
 def free_field(unknowns: Unknowns) -> Any:
@@ -47,7 +53,7 @@ def sizes(domain: Domain, field: Any, *faces: str) -> list[bool]:
 )
 def test_ends(domain: Domain, ends: Any, moves: list[bool]) -> None:
     """Rollers let the ends of tissue, wall and lumen slide in their plane, clamps not, free ends do as they like."""
-    field = free_field(Unknowns.build(domain, 2, ends))
+    field = free_field(unknowns_of(domain, 2, ends))
     motion = field.components[0]
     for face in ENDS:
         assert sizes(domain, motion, face) == moves, face
@@ -58,7 +64,7 @@ def test_ends(domain: Domain, ends: Any, moves: list[bool]) -> None:
 @pytest.mark.parametrize("order", [2, 3])
 def test_interface_and_inlet(domain: Domain, order: int) -> None:
     """Blood sticks to the wall, the rest of the mesh motion too; velocity is prescribed on the inlet alone."""
-    unknowns = Unknowns.build(domain, order, "roller")
+    unknowns = unknowns_of(domain, order, "roller")
     field = free_field(unknowns)
     motion, w, p = field.components
     assert sizes(domain, motion, "interface") == [True] * 3
@@ -66,16 +72,16 @@ def test_interface_and_inlet(domain: Domain, order: int) -> None:
     assert sizes(domain, w, "inlet") == [False] * 3
     assert sizes(domain, w, "outlet") == [True] * 3
     field.vec.FV().NumPy()[:] = 0.0
-    field.vec.FV().NumPy()[unknowns.inlet] = 1.0
+    field.vec.FV().NumPy()[unknowns.on_opening["inlet"]] = 1.0
     assert sizes(domain, w, "inlet") == [True] * 3
-    assert not np.any(unknowns.free()[unknowns.inlet])
+    assert not np.any(unknowns.free()[unknowns.on_opening["inlet"]])
     assert ng.Integrate(p * p * domain.dx("fluid"), domain.mesh) == 0.0
 
 
 def test_tissue_moves_the_blood_next_to_it_only() -> None:
     """Displacements of the solids reach the lumen through the elements at the wall."""
     tube = domain_of(BONED.replace(**{"mesh.lumen_radii": (0.7, 0.4)}))
-    unknowns = Unknowns.build(tube, 2, "roller")
+    unknowns = unknowns_of(tube, 2, "roller")
     field = free_field(unknowns)
     motion, values = field.components[0], field.vec.FV().NumPy()
     inner = np.array(values[unknowns.blocks["e"]])
@@ -94,7 +100,7 @@ def test_tissue_moves_the_blood_next_to_it_only() -> None:
 @pytest.mark.parametrize("order", [2, 3])
 def test_equations(domain: Domain, order: int) -> None:
     """Velocity and mesh motion inside of the lumen exchange their equations, function by function."""
-    unknowns = Unknowns.build(domain, order, "roller")
+    unknowns = unknowns_of(domain, order, "roller")
     assert np.array_equal(unknowns.equations[unknowns.equations], np.arange(unknowns.size))
     fields = [ng.GridFunction(unknowns.space) for _ in range(2)]
     chosen = np.random.default_rng(5).choice(unknowns.blocks["w"], 7, replace=False)
@@ -108,7 +114,7 @@ def test_equations(domain: Domain, order: int) -> None:
 
 @pytest.mark.parametrize("order", [2, 3])
 def test_blocks(domain: Domain, order: int) -> None:
-    unknowns = Unknowns.build(domain, order, "roller")
+    unknowns = unknowns_of(domain, order, "roller")
     assert np.array_equal(np.sort(np.concatenate([unknowns.blocks[name] for name in BLOCKS])), np.arange(unknowns.size))
     together = sum(unknowns.free(name).astype(int) for name in BLOCKS)
     assert np.array_equal(together, unknowns.free().astype(int))
@@ -120,7 +126,7 @@ def test_blocks(domain: Domain, order: int) -> None:
 def test_without_bones() -> None:
     """Rollers leave three rigid motions, which three components hold; free ends would leave six."""
     domain = domain_of(TUBE)
-    rollers, ends = (Unknowns.build(domain, 2, "roller"), ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom"))
+    rollers, ends = (unknowns_of(domain, 2, "roller"), ("tissue_top", "tissue_bottom", "wall_top", "wall_bottom"))
     moving = [ng.CF((1, 0, 0)), ng.CF((0, 1, 0)), ng.CF((-ng.y, ng.x, 0))]
     motions, held = [], ~rollers.free("d")[rollers.blocks["d"]]
     for motion in moving:
@@ -130,4 +136,4 @@ def test_without_bones() -> None:
         motions.append(np.array(field.vec.FV().NumPy())[rollers.blocks["d"]][held])
     assert np.linalg.matrix_rank(np.array(motions), tol=1e-6) == 3
     with pytest.raises(CaseError, match="'free' leaves a segment without bones adrift: use 'roller' or 'clamped'"):
-        Unknowns.build(domain, 2, "free")
+        unknowns_of(domain, 2, "free")
