@@ -20,6 +20,9 @@ from ngfsi.conditions import WithValue
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean, Newtonian, load_set
+from ngfsi.measure.probe import VesselProbe
+from ngfsi.measure.sections import Sections
+from ngfsi.mesh.centreline import centrelines
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.generate import MeshReport, quiet
 from ngfsi.registry import register
@@ -95,6 +98,22 @@ def steady(case: Case) -> tuple[System, Newton]:
     newton = Newton(system, choose_backend(case.solver.linear))
     initial_state(system, newton)
     return system, newton
+
+
+def sections_of(system: System, positions: Array | None = None) -> Sections:
+    """Return refreshed sections of the first vessel, at positions along it."""
+    vessel = system.domain.vessels[0]
+    line = centrelines(system.domain, vessel)[vessel.outlets[0]]
+    sections = Sections(system, vessel, line, positions)
+    sections.refresh()
+    return sections
+
+
+def probe_of(system: System) -> VesselProbe:
+    """Return refreshed measurements of the first vessel."""
+    probe = VesselProbe(system, system.domain.vessels[0])
+    probe.refresh()
+    return probe
 
 
 def block(system: System, name: str, vector: Array) -> Array:

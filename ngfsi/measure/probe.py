@@ -63,10 +63,10 @@ class VesselProbe:
 
     def __init__(self, system: System, vessel: Vessel) -> None:
         self.system, self.vessel, self.domain = system, vessel, system.domain
-        self.wall = Wall(system, vessel)
         line = centrelines(system.domain, vessel)[vessel.outlets[0]]
+        self.wall = Wall(system, vessel, line)
         self.sections = Sections(system, vessel, line)
-        self.outlines = Sections(system, vessel, line, system.case.output.stations)
+        self.outlines = Sections(system, vessel, line, line.stations(system.case.output.stations))
         outside = system.domain.beyond(vessel)
         self._sides = {name: Side(system, name) for name in (vessel.wall, outside) if name and outside}
         self.load = WallLoad(system, vessel, self.sections, self._sides[outside], outside) if outside else None

@@ -129,9 +129,14 @@ class Sections:
         shears: (stations,) wall shear stress, mean over the outline, Pa; of `shear` in `refresh`.
     """
 
-    def __init__(self, system: System, vessel: Vessel, line: Centreline, count: int = STATIONS) -> None:
+    def __init__(self, system: System, vessel: Vessel, line: Centreline, positions: Array | None = None) -> None:
+        """Prepare.
+
+        Args:
+            positions: of the stations on the line (m); None: STATIONS of them, evenly spaced.
+        """
         self.system, self.vessel, self.line, self.length = system, vessel, line, line.length
-        self.heights = line.stations(count)
+        self.heights = line.stations(STATIONS) if positions is None else np.asarray(positions)
         fields, mesh = system.fields(), system.domain.mesh
         degree = max(system.unknowns.order, system.domain.geometry.curving_order)
         region = system.domain.boundaries(vessel.interface)
@@ -141,8 +146,8 @@ class Sections:
         within = np.clip(self.heights, INSIDE * self.length, (1 - INSIDE) * self.length)
         self._planes = line.at(within), line.tangents(within)
         self._axis = self._on_axis()
-        self.whole = np.ones(count, dtype=bool)
-        self.areas, self.area_rates, self.perimeters, self.shears = np.zeros((4, count))
+        self.whole = np.ones(len(self.heights), dtype=bool)
+        self.areas, self.area_rates, self.perimeters, self.shears = np.zeros((4, len(self.heights)))
 
     def refresh(self, shear: ng.CoefficientFunction | None = None) -> None:
         """Take the system's present state.

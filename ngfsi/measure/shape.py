@@ -80,7 +80,8 @@ class Shape:
         from scipy.interpolate import CubicSpline
 
         points, tangents, curve, integral = outlines.points, outlines.tangents(), outlines.curve, outlines.integral
-        centre = np.stack([ring.mean(axis=0) for ring in outlines.rings()])
+        lengths = np.linalg.norm(tangents, axis=2)
+        centre = np.stack([integral(points[..., i] * lengths) for i in range(3)], axis=1) / integral(lengths)[:, None]
         for _ in range(2):  # the centroid is known once the plane is, which needs the axis: a rough one first
             axis = CubicSpline(heights, centre)(heights, 1)
             axis /= np.linalg.norm(axis, axis=1)[:, None]

@@ -1,14 +1,13 @@
-"""What presses on the wall of the vein from inside and from outside, along the vein."""
+"""What presses on the wall of a vessel from inside and from outside, along the vessel."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import ngsolve as ng
 import numpy as np
 from ngsolve import InnerProduct
 from numpy.typing import NDArray
 
+from ngfsi.measure.sections import Sections
 from ngfsi.measure.side import Side
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
@@ -17,26 +16,29 @@ from ngfsi.system.system import System
 Array = NDArray[np.float64]
 
 DECIMALS = 9
-"""Of a height in m: vertices that differ by less lie at one height."""
+"""Of a position in m: vertices that differ by less lie in one section."""
+AROUND = 3
+"""Fewest vertices around a vessel whose mesh is made of sections; where it is not, they are taken together in slices of
+SLICE vertices each."""
+SLICE = 12
 
 
 class WallLoad:
-    """Pressures along the vein at given heights of the reference shape.
+    """Pressures along a vessel at the stations of its sections, in the reference shape.
 
     Attributes:
-        blood: (stations,) pressure of the blood on the vein's axis, Pa.
         tissue: (stations,) pressure of the tissue on the wall's outer face, -n . sigma n with the deformed normal, mean
-            around the vein, Pa: of the tissue's stress, which equals the wall's across the face.
+            around the vessel, Pa: of the tissue's stress, which equals the wall's across the face.
     """
 
-    def __init__(self, system: System, vessel: Vessel, sections: Any, tissue: Side, region: str) -> None:
+    def __init__(self, system: System, vessel: Vessel, sections: Sections, tissue: Side, region: str) -> None:
         """Prepare.
 
         Args:
-            heights: (stations,) m
+            sections: whose stations are meant.
             tissue: the tissue's side of the wall's outer face, which is to be refreshed before.
         """
-        self._system, self._heights = system, sections.heights
+        self._heights = sections.heights
         self.tissue = np.zeros(len(sections.heights))
         mesh = system.domain.mesh
         space = ng.H1(mesh, order=1)  # a function of each vertex: integrals against them are local means
@@ -49,12 +51,16 @@ class WallLoad:
         self._force, self._area = ng.LinearForm(space), ng.LinearForm(space)
         self._force += (area * pressure).Compile() * test * ds
         self._area += area.Compile() * test * ds
-        places = np.array([vertex.point[2] for vertex in mesh.vertices])
         on_face = sorted(
             {v.nr for element in system.domain.boundaries(str(vessel.outer)).Elements() for v in element.vertices}
         )
         self._vertices = np.array(on_face)
-        self._levels, self._level = np.unique(places[self._vertices].round(DECIMALS), return_inverse=True)
+        places = sections.line.position(np.array([mesh.vertices[number].point for number in on_face]))
+        found, self._level = np.unique(places.round(DECIMALS), return_inverse=True)
+        if AROUND * len(found) > len(places):
+            slices = max(len(places) // SLICE, 1)
+            self._level = np.clip(places / sections.length * slices, 0, slices - 1).astype(int)
+        self._levels = np.bincount(self._level, places) / np.bincount(self._level)
 
     def refresh(self) -> None:
         """Take the system's present state."""

@@ -12,12 +12,14 @@ reports `METHOD`, and the mean of the other beside it: their difference tells ho
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.mesh.centreline import Centreline, centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, VELOCITY
@@ -41,7 +43,7 @@ class WallSample:
         shear: (n, 3) wall shear stress, Pa.
         pressure: (n,) pressure of the blood, Pa.
         tangential: (n, 2) components of the shear along the vein (along the material line that was parallel to the
-            axis) and around it, Pa: they follow the wall as it turns.
+            centreline) and around it, Pa: they follow the wall as it turns.
     """
 
     points: Array
@@ -75,7 +77,12 @@ class Wall:
     since they lie in the same space there.
     """
 
-    def __init__(self, system: System, vessel: Vessel) -> None:
+    def __init__(self, system: System, vessel: Vessel, line: Centreline | None = None) -> None:
+        """Prepare.
+
+        Args:
+            line: from inlet to outlet; None: that of the vessel to its first outlet.
+        """
         self.system, self.vessel = system, vessel
         domain, order = system.domain, system.unknowns.order
         fluid = str(vessel.lumen)
@@ -102,7 +109,7 @@ class Wall:
         self._shear = self._projection.work_of(self.shear)
         self.field = ng.GridFunction(self._projection.space)
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
-        self._along = (k.F * ng.CF((0, 0, 1))).Compile()
+        self._line, self._deformation = line, k.F
         self._normal = normal.Compile()
         self._points = self._map(_rules(lambda shape: ng.IntegrationRule(shape, 2 * order)))
 
@@ -160,6 +167,12 @@ class Wall:
         along /= np.linalg.norm(along, axis=1)[:, None]
         tangential = np.stack([np.sum(shear * way, axis=1) for way in (along, np.cross(along, normal))], axis=1)
         return WallSample(points, quads, shear, np.asarray(pressure(at)).ravel(), tangential)
+
+    @cached_property
+    def _along(self) -> Any:
+        """The material line along the vessel."""
+        line = self._line or centrelines(self.system.domain, self.vessel)[self.vessel.outlets[0]]
+        return (self._deformation * line.direction(self.system.domain)).Compile()
 
     def _map(self, rules: Any) -> Any:
         return self.system.domain.mesh.MapToAllElements(rules, self._region)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
+import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,6 +74,16 @@ class Centreline:
         s = np.linspace(0, self.length, SAMPLES)
         near = s[cKDTree(self.at(s)).query(points)[1]]
         return np.asarray(near + np.einsum("ij,ij->i", points - self.at(near), self.tangents(near)))
+
+    def direction(self, domain: Domain) -> Any:
+        """Return the tangent at the nearest place of the line as a field of the straight mesh."""
+        if self.straight:
+            return ng.CF(tuple(map(float, self.tangents(np.zeros(1))[0])))
+        field = ng.GridFunction(ng.VectorH1(domain.mesh, order=1))
+        points = np.array([vertex.point for vertex in domain.mesh.vertices])
+        s = np.clip(self.position(points), 0.0, self.length)
+        field.vec.FV().NumPy()[:] = self.tangents(s).T.ravel()
+        return field
 
     def stations(self, count: int) -> Array:
         """Return evenly spaced positions from start to end (m)."""

@@ -238,7 +238,7 @@ def test_reversed_flow() -> None:
     assert difference(back, -velocity(back), PARABOLA, "outlet") < 2e-3
     shears = []
     for system in (forward, back):
-        wall = Wall(system)
+        wall = Wall(system, system.domain.vessels[0])
         wall.refresh()
         shears.append(wall.sample(1).shear)
     assert np.abs(shears[0] + shears[1]).max() < 2e-3 * np.linalg.norm(shears[0], axis=1).max()

@@ -8,9 +8,8 @@ import pytest
 from ngfsi_geometry.segment import MeshSettings
 from ngfsi_geometry.tube import TubeSegment
 
-from ngfsi.measure.sections import Sections
 from ngfsi.measure.shape import Shape
-from tests.vein import case_of, position, set_motion, system_of
+from tests.vein import case_of, position, sections_of, set_motion, system_of
 
 BEND, RADIUS, LENGTH = 60e-3, 5e-3, 50e-3
 TUBE = TubeSegment(
@@ -26,8 +25,7 @@ def test_torus() -> None:
     x, y, z = (position()[i] for i in range(3))
     turned = z / BEND
     set_motion(system, ng.CF(((BEND + x) * ng.cos(turned) - BEND - x, 0 * y, (BEND + x) * ng.sin(turned) - z)))
-    sections = Sections(system, BEND * np.sin(np.linspace(8e-3, 40e-3, 7) / BEND))
-    sections.refresh()
+    sections = sections_of(system, BEND * np.sin(np.linspace(8e-3, 40e-3, 7) / BEND))
     found = Shape.of(sections, cut=True)
     inside = slice(1, -1)  # a spline is less exact at its ends
     assert found.area == pytest.approx(np.full(7, np.pi * RADIUS**2), rel=1e-3)

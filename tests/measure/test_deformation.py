@@ -74,5 +74,5 @@ def test_lost_stability_of_a_material_is_announced_once_and_named() -> None:
         warnings = deformation.approaching()
         assert len(warnings) == (1 if lost else 0)
         assert (" and the material of 'wall' near (" in deformation.diagnose_failure(begun=True)) is lost
-    assert re.match(r"the material of 'wall' near \(.*\) mm has lost its stability .*: saint_venant_kir", warnings[0])
+    assert re.match(r"the material of 'wall' near \(.*\) mm has lost strong ellipticity: saint_venant_kir", warnings[0])
     assert deformation.approaching() == []

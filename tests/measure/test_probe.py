@@ -5,7 +5,7 @@ from __future__ import annotations
 import ngsolve as ng
 import pytest
 
-from ngfsi.measure.probe import Probe
+from ngfsi.measure.probe import VesselProbe
 from ngfsi.physics.kinematics import Kinematics
 from tests.vein import BONED, case_of, randomise, system_of
 
@@ -18,7 +18,7 @@ def test_volume_of_any_lumen(order: int) -> None:
     """At random motion and rates of it."""
     system = system_of(case_of(BONED.replace(**{"mesh.curving_order": order})))
     randomise(system)
-    probe = Probe(system)
+    probe = VesselProbe(system, system.domain.vessels[0])
     fields, domain = system.fields(), system.domain
     k = Kinematics(fields.grad_motion)
     rate = system.new_weight * fields.grad_motion + ng.Grad(system.velocity_history.components[0])

@@ -15,12 +15,11 @@ from ngfsi.case import Case, Discretisation, Loads, Materials, TimeStepping
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import SaintVenantKirchhoff
-from ngfsi.measure.sections import Sections
 from ngfsi.measure.shape import Shape
 from ngfsi.measure.stability import Stability, Stage
 from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System
-from tests.vein import BLOOD, BONED, case_of, position, set_motion, system_of, value_of
+from tests.vein import BLOOD, BONED, case_of, position, sections_of, set_motion, system_of, value_of
 
 LEVY = REFERENCES[0].value
 RADIUS, THICKNESS = 10e-3, 0.5e-3
@@ -111,8 +110,7 @@ def test_an_oval_ring_grows_more_oval() -> None:
     Stability, 1961, section 7.4)."""
     imperfection, share = 2e-6, 0.6
     system, newton = ring(**{"geometry.oval": imperfection, "geometry.oval_direction": 0.4})
-    sections = Sections(system)
-    sections.refresh()
+    sections = sections_of(system)
     before = Shape.of(sections)
     assert (before.major - before.minor) / 2 == pytest.approx(np.full(11, imperfection), rel=1e-3)
     press(system, newton, share * LEVY)

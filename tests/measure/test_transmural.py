@@ -14,7 +14,7 @@ from ngfsi.materials import CompressibleNeoHookean, SaintVenantKirchhoff
 from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
 from ngfsi.system.system import System
-from tests.vein import BLOOD, TUBE, case_of, position, set_motion, steady, system_of
+from tests.vein import BLOOD, TUBE, case_of, position, sections_of, set_motion, steady, system_of
 
 INNER, WALL, OUTER, LENGTH = 5e-3, 1.5e-3, 12e-3, 20e-3
 SOFT = CompressibleNeoHookean(young=30e3, poisson=0.3, density=0.0)
@@ -33,7 +33,7 @@ def test_pressure_on_the_wall_and_on_the_axis() -> None:
     heights = np.linspace(0, LENGTH, 5)
     load = _load(system, heights)
     drop = 8 * BLOOD.viscosity * FLOW / (np.pi * INNER**4) * (LENGTH - heights)
-    assert load.blood - BLOOD_PRESSURE == pytest.approx(drop, rel=0.02, abs=0.02 * drop[0])
+    assert sections_of(system, heights).blood - BLOOD_PRESSURE == pytest.approx(drop, rel=0.02, abs=0.02 * drop[0])
     # the pressures of blood and skin reach the outer face in shares that do not depend on the (single) material
     share = INNER**2 * (OUTER**2 / (INNER + WALL) ** 2 - 1) / (OUTER**2 - INNER**2)
     exact = SKIN_PRESSURE + share * (BLOOD_PRESSURE - SKIN_PRESSURE)
@@ -75,7 +75,8 @@ def test_a_sheared_vein() -> None:
 
 def _load(system: System, heights: NDArray[np.float64]) -> WallLoad:
     tissue = Side(system, "tissue")
-    load = WallLoad(system, heights, tissue)
+    sections = sections_of(system, heights)
+    load = WallLoad(system, sections.vessel, sections, tissue, "tissue")
     tissue.refresh()
     load.refresh()
     return load

@@ -12,12 +12,11 @@ from ngfsi_geometry.tube import TubeSegment
 
 from ngfsi.config.functions import PressureConstant
 from ngfsi.linear.backends import choose_backend
-from ngfsi.measure.probe import Probe
 from ngfsi.physics.fields import VELOCITY
 from ngfsi.solve.initial import steady_flow
 from ngfsi.system.system import System
 from tests.slopes import apply
-from tests.vein import blood_form, case_of, system_of
+from tests.vein import blood_form, case_of, probe_of, system_of
 
 RADIUS, LENGTH, FLOW, MU = 5.55e-3, 20e-3, 2.913e-6, 3.5e-3
 GRADIENT = 8 * MU * FLOW / (np.pi * RADIUS**4)
@@ -98,8 +97,7 @@ def test_no_boundary_layer_at_the_outlet(pipe: Pipe) -> None:
 def test_wall_shear(pipe: Pipe) -> None:
     """4 mu Q / (pi R^3), everywhere on the wall up to its ends."""
     factor = ACCURACY[pipe.system.unknowns.order]
-    probe = Probe(pipe.system)
-    probe.refresh()
+    probe = probe_of(pipe.system)
     assert probe.shear.mean == pytest.approx(SHEAR, rel=1.2e-3 * factor)
     assert probe.shear.smallest == pytest.approx(SHEAR, rel=5e-3 * factor)
     assert probe.shear.largest == pytest.approx(SHEAR, rel=5e-3 * factor)
@@ -131,7 +129,7 @@ def test_work_of_the_blood_on_the_wall(pipe: Pipe) -> None:
 
 
 def test_flow(pipe: Pipe) -> None:
-    probe = Probe(pipe.system)
+    probe = probe_of(pipe.system)
     assert -probe.integral("flux inlet") == pytest.approx(FLOW, rel=1e-12)
     assert probe.integral("flux outlet") == pytest.approx(FLOW, rel=1e-9)
 
@@ -150,8 +148,7 @@ def test_a_pressure_at_the_inlet_drives_the_flow(order: int) -> None:
     system = system_of(case_of(tube, **pressures))
     assert "inlet" not in system.unknowns.on_opening
     steady_flow(system, choose_backend("auto"))
-    probe = Probe(system)
-    probe.refresh()
+    probe = probe_of(system)
     accuracy = {2: 1e-2, 3: 1e-3}[order]
     assert -probe.integral("flux inlet") == pytest.approx(FLOW, rel=accuracy)
     assert probe.integral("flux outlet") == pytest.approx(FLOW, rel=accuracy)

@@ -29,7 +29,7 @@ def vein(a: float, b: float, order: int = 2, layers: int = 3, around: int = 12) 
 def test_poiseuille() -> None:
     geometry = vein(RADIUS, RADIUS)
     system = steady(rigid_case(geometry, BLOOD, FlowConstant(value=FLOW), order=2), domain_of(geometry))
-    wall = Wall(system)
+    wall = Wall(system, system.domain.vessels[0])
     wall.refresh()
     found = wall.statistics()
     exact = 4 * BLOOD.viscosity * FLOW / (np.pi * RADIUS**3)
@@ -41,7 +41,7 @@ def test_oval_vein_far_from_its_round_inlet() -> None:
     a, b = 1.3 * RADIUS, RADIUS / 1.3
     geometry = vein(a, b, order=3, around=10)
     system = steady(rigid_case(geometry, BLOOD, FlowConstant(value=0.1 * FLOW), order=3), domain_of(geometry))
-    wall = Wall(system)
+    wall = Wall(system, system.domain.vessels[0])
     wall.refresh()
     sample = wall.sample(2)
     far = np.abs(sample.points[:, 2] - 9e-3) < 1.1e-3
@@ -62,7 +62,7 @@ def test_the_whole_coupled_system_says_the_same() -> None:
     Newton(system, choose_backend("auto")).solve(case.solver.tolerance, 50)
     shears = []
     for found in (alone, system):
-        wall = Wall(found)
+        wall = Wall(found, found.domain.vessels[0])
         wall.refresh()
         shears.append(wall.sample(1).shear)
     assert np.abs(shears[1] - shears[0]).max() < 1e-6 * np.abs(shears[0]).max()

@@ -13,14 +13,13 @@ from ngfsi.case import Case, Solver
 from ngfsi.config.functions import FlowConstant, PressureConstant, PressureRamp
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import MooneyRivlin, NeoHookean, SolidLaw
-from ngfsi.measure.sections import Sections
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import TimeLoop
 from ngfsi.system.system import System
 from tests.conftest import SQUEEZED
 from tests.runs import Run, computed, largest_change
 from tests.slopes import apply
-from tests.vein import BLOOD, BONED, TUBE, block, blood_form, case_of, steady
+from tests.vein import BLOOD, BONED, TUBE, block, blood_form, case_of, sections_of, steady
 
 FLOW = 2.913e-6
 AREA, SHEAR = "lumen_area_mean_m2", "sawss_Pa"
@@ -132,8 +131,7 @@ def test_sections_hold_the_volume(squeezed: Run) -> None:
     """Areas at Gauss points along the squeezed vein, of one layer of elements, add up to the volume of its lumen."""
     nodes, weights = np.polynomial.legendre.leggauss(8)
     squeezed.system.values[:] = squeezed.states[-1]
-    sections = Sections(squeezed.system, BONED.length * (nodes + 1) / 2)
-    sections.refresh()
+    sections = sections_of(squeezed.system, BONED.length * (nodes + 1) / 2)
     volume = BONED.length * np.dot(weights / 2, sections.areas)
     assert volume == pytest.approx(squeezed["lumen_volume_m3"][-1], rel=1e-6)
 
