@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import ngsolve as ng
-import numpy as np
 from ngsolve import Id, InnerProduct
 
 from ngfsi.measure.deformation import Deformation
@@ -13,6 +12,7 @@ from ngfsi.measure.sections import Sections
 from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
 from ngfsi.measure.wall import ShearStatistics, Wall
+from ngfsi.mesh.centreline import find_centrelines, vessels_of
 from ngfsi.mesh.geometry import Vein
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
@@ -30,12 +30,14 @@ class Probe:
         self.domain = system.domain
         self.vein: Vein = system.case.geometry
         self.fluid = self.vein.fluid
-        self.wall = Wall(system)
-        self.sections = Sections(system)
-        self.outlines = Sections(system, np.linspace(0.0, self.vein.length, system.case.output.stations))
+        vessel = vessels_of(self.vein)[0]
+        lines = find_centrelines(self.domain, vessel)
+        self.wall = Wall(system, vessel, lines)
+        self.sections = Sections(system, vessel, lines[0])
+        self.outlines = Sections(system, vessel, lines[0], lines[0].stations(system.case.output.stations))
         self.deformation = Deformation(system)
         self._sides = {name: Side(system, name) for name in system.solids}
-        self.load = WallLoad(system, self.sections.heights, self._sides["tissue"])
+        self.load = WallLoad(system, self.sections, self._sides.get("tissue"))
         self.shear = self.consistent_shear = ShearStatistics(0.0, 0.0, 0.0, 0.0)
         self._fields = system.fields(system.state.components)
         self._motion = Kinematics(self._fields.grad_motion)

@@ -1,4 +1,4 @@
-"""What presses on the wall of the vein from inside and from outside, along the vein."""
+"""What presses on the wall of a vessel from inside and from outside, along the vessel."""
 
 from __future__ import annotations
 
@@ -7,62 +7,76 @@ import numpy as np
 from ngsolve import InnerProduct
 from numpy.typing import NDArray
 
+from ngfsi.measure.sections import Sections
 from ngfsi.measure.side import Side
-from ngfsi.mesh.geometry import Vein
 from ngfsi.physics import terms
 from ngfsi.system.system import System
 
 Array = NDArray[np.float64]
 
 DECIMALS = 9
-"""Of a height in m: vertices that differ by less lie at one height."""
+"""Of an arc length in m: vertices that differ by less lie at one station."""
+FEWEST = 3
+"""Vertices of the outer face at each of its levels, on average, by which a mesh is known to have layers."""
+AROUND = 2.0
+"""Largest distance from the centreline of what belongs to it, over the median: others are of another branch."""
 
 
 class WallLoad:
-    """Pressures along the vein at given heights of the reference shape.
+    """Pressures along a vessel at given stations of the reference shape.
 
     Attributes:
-        blood: (stations,) pressure of the blood on the vein's axis, Pa.
+        blood: (stations,) pressure of the blood on the centreline, Pa.
         tissue: (stations,) pressure of the tissue on the wall's outer face, -n . sigma n with the deformed normal, mean
-            around the vein, Pa: of the tissue's stress, which equals the wall's across the face.
+            around the vessel, Pa: of the tissue's stress, which equals the wall's across the face. NaN without tissue.
     """
 
-    def __init__(self, system: System, heights: Array, tissue: Side) -> None:
+    def __init__(self, system: System, sections: Sections, tissue: Side | None) -> None:
         """Prepare.
 
         Args:
-            heights: (stations,) m
-            tissue: the tissue's side of the wall's outer face, which is to be refreshed before.
+            sections: whose stations are taken.
+            tissue: the tissue's side of the wall's outer face, which is to be refreshed before; None: there is none.
         """
-        vein: Vein = system.case.geometry
-        self._system, self._heights = system, heights
-        self._axis = np.broadcast_to(np.array(vein.vein_centre)[:, None], (2, len(heights)))
-        self.blood, self.tissue = np.zeros((2, len(heights)))
+        self._stations = sections.stations
+        self._pressure = system.state.components[2]
+        self._at = system.domain.mesh(*sections.centres.T)
+        self.blood = np.zeros(len(self._stations))
+        self.tissue = np.full(len(self._stations), np.nan)
+        outer = sections.vessel.outer
+        self._forms: list[ng.LinearForm] = []
+        if tissue is None or outer is None:
+            return
         mesh = system.domain.mesh
         space = ng.H1(mesh, order=1)  # a function of each vertex: integrals against them are local means
         directed = tissue.motion.cof * ng.specialcf.normal(3)
         area = ng.Norm(directed)
         stress = terms.cauchy_stress(system.solids["tissue"], tissue.strain)
         pressure = -InnerProduct(directed, stress * directed) / (area * area)
-        ds = system.domain.ds("wall_outer")
+        ds = system.domain.ds(outer)
         test = space.TestFunction().Trace()
-        self._force, self._area = ng.LinearForm(space), ng.LinearForm(space)
-        self._force += (area * pressure).Compile() * test * ds
-        self._area += area.Compile() * test * ds
-        places = np.array([vertex.point[2] for vertex in mesh.vertices])
-        on_face = sorted(
-            {v.nr for element in system.domain.boundaries("wall_outer").Elements() for v in element.vertices}
-        )
-        self._vertices = np.array(on_face)
-        self._levels, self._level = np.unique(places[self._vertices].round(DECIMALS), return_inverse=True)
+        self._forms = [ng.LinearForm(space) for _ in range(2)]
+        self._forms[0] += (area * pressure).Compile() * test * ds
+        self._forms[1] += area.Compile() * test * ds
+        vertices = np.array(sorted({v.nr for e in system.domain.boundaries(outer).Elements() for v in e.vertices}))
+        points = np.array([mesh[ng.NodeId(ng.VERTEX, v)].point for v in vertices])
+        along = sections.line.coordinate(points)
+        away = np.linalg.norm(points - sections.line.points(along), axis=1)
+        near = away < AROUND * np.median(away)
+        self._vertices, along = vertices[near], along[near]
+        levels, self._level = np.unique(along.round(DECIMALS), return_inverse=True)
+        if len(levels) > len(along) / FEWEST:  # without layers: what is nearest to each station
+            nearest = np.argmin(np.abs(along[:, None] - self._stations), axis=1)
+            _, self._level = np.unique(nearest, return_inverse=True)
+            levels = np.bincount(self._level, along) / np.bincount(self._level)
+        self._levels = levels
 
     def refresh(self) -> None:
         """Take the system's present state."""
-        x, y = self._axis
-        at = self._system.domain.mesh(x, y, self._heights)
-        self.blood = np.asarray(self._system.state.components[2](at)).ravel()
+        self.blood = np.asarray(self._pressure(self._at)).ravel()
         sums = []
-        for form in (self._force, self._area):
+        for form in self._forms:
             form.Assemble()
             sums.append(np.bincount(self._level, form.vec.FV().NumPy()[self._vertices]))
-        self.tissue = np.interp(self._heights, self._levels, sums[0] / sums[1])
+        if sums:
+            self.tissue = np.interp(self._stations, self._levels, sums[0] / sums[1])

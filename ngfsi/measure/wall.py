@@ -18,6 +18,8 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.mesh.centreline import Centreline, direction, find_centrelines, vessels_of
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
@@ -38,8 +40,8 @@ class WallSample:
         quads: (m, 4) numbers of points.
         shear: (n, 3) wall shear stress, Pa.
         pressure: (n,) pressure of the blood, Pa.
-        tangential: (n, 2) components of the shear along the vein (along the material line that was parallel to the
-            axis) and around it, Pa: they follow the wall as it turns.
+        tangential: (n, 2) components of the shear along the vessel (along the material line that was parallel to its
+            centreline) and around it, Pa: they follow the wall as it turns.
     """
 
     points: Array
@@ -73,8 +75,16 @@ class Wall:
     since they lie in the same space there.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, vessel: Vessel | None = None, lines: tuple[Centreline, ...] = ()) -> None:
+        """Prepare.
+
+        Args:
+            vessel: default: the first of the geometry.
+            lines: its centrelines; default: those found.
+        """
         self.system = system
+        vessel = vessel or vessels_of(system.domain.geometry)[0]
+        lines = lines or find_centrelines(system.domain, vessel)
         domain, order = system.domain, system.unknowns.order
         fluid = domain.fluid
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
@@ -100,7 +110,7 @@ class Wall:
         self._shear = self._projection.work_of(self.shear)
         self.field = ng.GridFunction(self._projection.space)
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
-        self._along = (k.F * ng.CF((0, 0, 1))).Compile()
+        self._along = (k.F * direction(domain, vessel, lines)).Compile()
         self._normal = normal.Compile()
         self._points = self._map(_rules(lambda shape: ng.IntegrationRule(shape, 2 * order)))
 

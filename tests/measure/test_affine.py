@@ -79,8 +79,8 @@ def test_cross_sections(probe: Probe) -> None:
     area = np.pi * RADIUS**2 * np.linalg.det(F[:2, :2])
     sections, tolerance = probe.sections, 5 * circle_error(probe.system)
     assert sections.areas == pytest.approx(np.full(11, area), rel=tolerance)
-    for height, ring in zip(sections.heights, sections.rings, strict=True):
-        assert ring[:, 2] == pytest.approx(np.full(len(ring), height), abs=1e-12 * LENGTH)
+    for height, ring in zip(sections.stations, sections.rings, strict=True):
+        assert ring[:, 2] == pytest.approx(np.full(len(ring), height), abs=1e-9 * LENGTH)
     assert sections.rings[10].mean(axis=0)[:2] == pytest.approx(LENGTH * F[:2, 2], rel=1e-3)
     angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
     ellipse = F[:2, :2] @ np.array([-np.sin(angle), np.cos(angle)]) * RADIUS
@@ -106,13 +106,13 @@ def test_shape_perpendicular_to_the_axis(probe: Probe) -> None:
     along = axes[:, 0] * np.sign(axes[0, 0])
     expected = np.arctan2(along @ np.cross(axis, first) / np.linalg.norm(first), along @ first / np.linalg.norm(first))
     assert found.angle == pytest.approx(np.full(11, expected), abs=0.02)
-    assert found.centre == pytest.approx(np.outer(probe.sections.heights, F[:, 2]), abs=1e-3 * RADIUS)
+    assert found.centre == pytest.approx(np.outer(probe.sections.stations, F[:, 2]), abs=1e-3 * RADIUS)
 
 
 def test_areas_integrate_to_the_volume_of_the_discrete_lumen(probe: Probe) -> None:
     """At Gauss points of the one layer of elements along the axis, to rounding."""
     nodes, weights = np.polynomial.legendre.leggauss(5)
-    sections = Sections(probe.system, LENGTH * (nodes + 1) / 2)
+    sections = Sections(probe.system, stations=LENGTH * (nodes + 1) / 2)
     sections.refresh()
     assert LENGTH * np.dot(weights / 2, sections.areas) == pytest.approx(probe.integral("lumen volume"), rel=1e-9)
 
@@ -120,7 +120,7 @@ def test_areas_integrate_to_the_volume_of_the_discrete_lumen(probe: Probe) -> No
 def test_flow_along_the_vein(probe: Probe) -> None:
     """Blood that the shrinking sections before a station expel is added to the inflow."""
     area, rate = np.pi * RADIUS**2 * np.linalg.det(F[:2, :2]), np.trace(A[:2, :2])
-    flows = FLOW - rate * area * probe.sections.heights
+    flows = FLOW - rate * area * probe.sections.stations
     tolerance = circle_error(probe.system)
     assert probe.sections.local_flows(FLOW) - FLOW == pytest.approx(flows - FLOW, rel=3.5 * tolerance)
     diameter = np.sqrt(4 * area / np.pi)

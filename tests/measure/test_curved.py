@@ -26,7 +26,7 @@ def test_torus() -> None:
     x, y, z = (position()[i] for i in range(3))
     turned = z / BEND
     set_motion(system, ng.CF(((BEND + x) * ng.cos(turned) - BEND - x, 0 * y, (BEND + x) * ng.sin(turned) - z)))
-    sections = Sections(system, BEND * np.sin(np.linspace(8e-3, 40e-3, 7) / BEND))
+    sections = Sections(system, stations=BEND * np.sin(np.linspace(8e-3, 40e-3, 7) / BEND))
     sections.refresh()
     found = Shape.of(sections, cut=True)
     inside = slice(1, -1)  # a spline is less exact at its ends

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.materials import CompressibleNeoHookean, SaintVenantKirchhoff
+from ngfsi.measure.sections import Sections
 from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
 from ngfsi.system.system import System
@@ -75,7 +76,7 @@ def test_a_sheared_vein() -> None:
 
 def _load(system: System, heights: NDArray[np.float64]) -> WallLoad:
     tissue = Side(system, "tissue")
-    load = WallLoad(system, heights, tissue)
+    load = WallLoad(system, Sections(system, stations=heights), tissue)
     tissue.refresh()
     load.refresh()
     return load

@@ -132,7 +132,7 @@ def test_sections_hold_the_volume(squeezed: Run) -> None:
     """Areas at Gauss points along the squeezed vein, of one layer of elements, add up to the volume of its lumen."""
     nodes, weights = np.polynomial.legendre.leggauss(8)
     squeezed.system.values[:] = squeezed.states[-1]
-    sections = Sections(squeezed.system, BONED.length * (nodes + 1) / 2)
+    sections = Sections(squeezed.system, stations=BONED.length * (nodes + 1) / 2)
     sections.refresh()
     volume = BONED.length * np.dot(weights / 2, sections.areas)
     assert volume == pytest.approx(squeezed["lumen_volume_m3"][-1], rel=1e-6)

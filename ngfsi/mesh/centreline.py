@@ -1,0 +1,191 @@
+"""The line through the middle of a vessel: given by its geometry, or found from the mesh of its lumen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.errors import MeshError
+from ngfsi.mesh.domain import Domain
+from ngfsi.mesh.geometry import Vessel
+from ngfsi.mesh.surface import Surface
+
+Array = NDArray[np.float64]
+
+REFITS = 4
+"""Of a spline to its own arc length."""
+PIECES = 16
+"""Between two knots, each integrated by two Gauss points."""
+SEARCH = 200
+"""Points of a curve among which the nearest begins the search for the foot of a perpendicular."""
+FEET = 20
+"""Steps of that search."""
+CENTRINGS = 4
+FEWEST, MOST = 10, 80
+"""Sections, about one per radius, through whose centroids a line is laid."""
+SECTIONS_PER_PIECE = 2.5
+"""Of the smooth line."""
+HOLD = 100.0
+"""Weight of both ends of a line, against 1 of each section."""
+
+
+class Centreline:
+    """A smooth curve through points, with its arc length as parameter: a straight line or a cubic spline.
+
+    Attributes:
+        length: m
+    """
+
+    def __init__(self, points: Any) -> None:
+        """Prepare.
+
+        Args:
+            points: (n, 3) [m], two or more.
+        """
+        from scipy.interpolate import CubicSpline
+
+        given = np.asarray(points, dtype=float)
+        at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(given, axis=0), axis=1))])
+        nodes = np.concatenate([(np.arange(PIECES) + share) / PIECES for share in (0.5 - 12**-0.5, 0.5 + 12**-0.5)])
+        self._curve: Any = None
+        for _ in range(REFITS if len(given) > 2 else 0):
+            self._curve = CubicSpline(at, given)
+            steps = np.diff(at)
+            speeds = np.linalg.norm(self._curve(at[:-1, None] + steps[:, None] * nodes, 1), axis=2)
+            at = np.concatenate([[0.0], np.cumsum(steps * speeds.mean(axis=1))])
+        self.length = float(at[-1])
+        self._start, self._way = given[0], (given[-1] - given[0]) / self.length
+
+    def points(self, at: Array) -> Array:
+        """Return the points (n, 3) [m] at arc lengths (n,) [m]."""
+        if self._curve is None:
+            return np.asarray(self._start + np.asarray(at)[:, None] * self._way)
+        return np.asarray(self._curve(at))
+
+    def tangents(self, at: Array) -> Array:
+        """Return the unit tangents (n, 3) at arc lengths (n,) [m]."""
+        if self._curve is None:
+            return np.tile(self._way, (len(at), 1))
+        slopes = np.asarray(self._curve(at, 1))
+        return np.asarray(slopes / np.linalg.norm(slopes, axis=1)[:, None])
+
+    def coordinate(self, points: Array) -> Array:
+        """Return the arc lengths (n,) [m] of the points of the curve that are nearest to points (n, 3) [m]."""
+        if self._curve is None:
+            return np.asarray(np.clip((points - self._start) @ self._way, 0.0, self.length))
+        from scipy.spatial import cKDTree
+
+        coarse = np.linspace(0.0, self.length, SEARCH)
+        at = coarse[cKDTree(self.points(coarse)).query(points)[1]]
+        for _ in range(FEET):
+            at = np.clip(at + np.sum((points - self.points(at)) * self.tangents(at), axis=1), 0.0, self.length)
+        return np.asarray(at)
+
+    def stations(self, number: int) -> Array:
+        """Return arc lengths (number,) [m] evenly from the first to the last."""
+        return np.linspace(0.0, self.length, number)
+
+
+def vessels_of(geometry: Any) -> tuple[Vessel, ...]:
+    """Return the vessels of a geometry; of one that names none its straight vein along z."""
+    if found := getattr(geometry, "vessels", None):
+        return tuple(found)
+    ends = tuple((*geometry.vein_centre, z) for z in (0.0, geometry.length))
+    given: dict[str, Any] = {} if "wall_outer" in geometry.boundary_names else {"wall": None, "outer": None}
+    return (Vessel(lumen=geometry.fluid, centreline=ends, radius=geometry.lumen_radius, **given),)
+
+
+def find_centrelines(domain: Domain, vessel: Vessel) -> tuple[Centreline, ...]:
+    """Return the centrelines of a vessel: from its first inlet to each outlet, and from each further inlet to the first
+    outlet. The first is the geometry's own, if it has one.
+
+    Others are found in the reference shape: through the middle of the flow of a potential from end to end, which does
+    not enter other branches, and then, a few times, through the centroids of the line's own sections.
+
+    Raises:
+        MeshError: the vessel has no lumen to find a line in.
+    """
+    ends = [(vessel.inlets[0], end) for end in vessel.outlets] + [(end, vessel.outlets[0]) for end in vessel.inlets[1:]]
+    given = [] if vessel.centreline is None else [Centreline(vessel.centreline)]
+    return *given, *(_found(domain, vessel, *pair) for pair in ends[len(given) :])
+
+
+def direction(domain: Domain, vessel: Vessel, lines: tuple[Centreline, ...]) -> Any:
+    """Return the direction of the nearest centreline as a field on a vessel's interface, of unit length at vertices."""
+    vertices = sorted({v.nr for element in domain.boundaries(vessel.interface).Elements() for v in element.vertices})
+    points = np.array([domain.mesh[ng.NodeId(ng.VERTEX, v)].point for v in vertices])
+    feet = [line.coordinate(points) for line in lines]
+    away = [np.linalg.norm(points - line.points(at), axis=1) for line, at in zip(lines, feet, strict=True)]
+    ways = np.array([line.tangents(at) for line, at in zip(lines, feet, strict=True)])
+    found = ng.GridFunction(ng.VectorH1(domain.mesh, order=1))
+    for component, values in zip(
+        found.components, ways[np.argmin(away, axis=0), np.arange(len(points))].T, strict=True
+    ):
+        component.vec.FV().NumPy()[vertices] = values
+    return found
+
+
+def _found(domain: Domain, vessel: Vessel, inlet: str, outlet: str) -> Centreline:
+    if vessel.lumen is None:
+        raise MeshError(
+            f"the vessel '{vessel.name}' is a hole: give its geometry a centreline, which is found in blood"
+        )
+    first, last = (_centroid(domain, name) for name in (inlet, outlet))
+    radius = np.sqrt(domain.area(inlet) / np.pi)
+    line = Centreline(_smooth(np.vstack([first, _middles(domain, vessel.lumen, inlet, outlet), last])))
+    surface = Surface(domain.mesh, domain.boundaries(vessel.interface), domain.geometry.curving_order)
+    place = surface.coefficients(ng.CF((ng.x, ng.y, ng.z)))
+    for _ in range(CENTRINGS):
+        number = int(np.clip(line.length / radius, FEWEST, MOST))
+        at = line.length * (np.arange(number) + 0.5) / number
+        cut = surface.cut(place, line.points(at), line.tangents(at), domain.geometry.curving_order + 2)
+        middles = cut.centroids(surface.values(place, cut))[cut.whole]
+        line = Centreline(_smooth(np.vstack([first, middles, last])))
+    return line
+
+
+def _centroid(domain: Domain, boundary: str) -> Array:
+    ds = domain.ds(boundary, bonus_intorder=4)
+    moment = [float(ng.Integrate(way * ds, domain.mesh)) for way in (ng.x, ng.y, ng.z)]
+    return np.array(moment) / domain.area(boundary)
+
+
+def _middles(domain: Domain, lumen: str, inlet: str, outlet: str) -> Array:
+    """Return points (n, 3) [m] in the middle of the flow of a potential, in its direction."""
+    mesh, dx = domain.mesh, domain.dx(lumen)
+    space = ng.H1(mesh, order=2, definedon=domain.materials(lumen), dirichlet=f"{inlet}|{outlet}")
+    trial, test = space.TnT()
+    form = ng.BilinearForm(ng.Grad(trial) * ng.Grad(test) * dx, symmetric=True).Assemble()
+    potential = ng.GridFunction(space)
+    potential.Set(1.0, definedon=domain.boundaries(outlet))
+    inverse = form.mat.Inverse(space.FreeDofs(), inverse="sparsecholesky")
+    potential.vec.data -= inverse @ form.mat * potential.vec
+    power = ng.Grad(potential) * ng.Grad(potential)
+    fields = ng.CF((1, potential, ng.x, ng.y, ng.z)) * power
+    region = domain.materials(lumen)
+    sums = np.array(ng.Integrate(fields, mesh, element_wise=True, definedon=region, order=5))
+    sums = sums.reshape(mesh.ne, 5)[[element.nr for element in region.Elements()]]
+    level = np.minimum((sums[:, 1] / sums[:, 0] * FEWEST).astype(int), FEWEST - 1)
+    total = np.zeros((FEWEST, 5))
+    np.add.at(total, level, sums)
+    total = total[total[:, 0] > 0]
+    return np.asarray(total[:, 2:] / total[:, :1])
+
+
+def _smooth(points: Array) -> Array:
+    """Return as many points near given ones, on the cubic spline of few pieces that fits them best; the ends stay."""
+    from scipy.interpolate import make_lsq_spline
+
+    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    pieces = max(1, int((len(points) - 1) / SECTIONS_PER_PIECE) - 2)
+    degree = min(3, len(points) - 1)
+    inner = np.quantile(at, np.linspace(0.0, 1.0, pieces + 1)[1:-1])
+    knots = np.concatenate([np.full(degree + 1, at[0]), inner, np.full(degree + 1, at[-1])])
+    weights = np.ones(len(points))
+    weights[[0, -1]] = HOLD
+    smooth = make_lsq_spline(at, points, knots, degree, w=weights)(at)
+    smooth[[0, -1]] = points[[0, -1]]
+    return np.asarray(smooth)
