@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 STATIONS = 11
 RING_POINTS = 96
+IN_PLANE = 1e-3
+"""Largest distance of an outline from its plane, as a share of the lumen's radius, that is none."""
 INWARDS = 1e-10
 """Share of the length by which planes stand nearer to its middle: not in the faces of elements."""
 
@@ -33,6 +35,7 @@ class Sections:
     Attributes:
         stations: (stations,) arc length along the centreline, m.
         outlines: of the present state.
+        whole: (stations,) whether the outline lies in the plane.
         points: (arcs, points, 3) at the outlines' Gauss points, m.
         areas, area_rates, perimeters: (stations,) m2, m2/s, m; a rate is that in the fixed plane.
         shears: (stations,) wall shear stress, mean over the outline, Pa; of `shear` in `refresh`.
@@ -79,6 +82,10 @@ class Sections:
         self.area_rates = self.outlines.integral(self._outward_rate(velocity, tangent, normal))
         lengths = np.linalg.norm(tangent - np.sum(tangent * normal, axis=2)[..., None] * normal, axis=2)
         self.perimeters = self.outlines.integral(lengths)
+        off = np.abs(np.sum((self.points - self.outlines.spread(self.centres)) * normal, axis=2)).max(axis=1)
+        strays = self.outlines.station[off > IN_PLANE * self.vessel.radius]
+        there, away = (np.bincount(of, minlength=len(self.stations)) > 0 for of in (self.outlines.station, strays))
+        self.whole = there & ~away
         if shear is not None:
             sizes = np.linalg.norm(surface.values(surface.coefficients(shear), self.outlines), axis=2)
             self.shears = self.outlines.integral(sizes * lengths) / self.perimeters

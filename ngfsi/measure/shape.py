@@ -58,7 +58,7 @@ class Shape:
                 vessel through an end, the first outline stays.
         """
         outlines, points, numbers = sections.outlines, sections.points, np.arange(len(sections.stations))
-        whole = np.flatnonzero(outlines.whole)
+        whole = np.flatnonzero(sections.whole)
         if len(whole) < 2:
             whole = numbers
         nearest = np.argmin(np.abs(numbers[:, None] - whole), axis=1)

@@ -24,10 +24,16 @@ SEARCH = 200
 FEET = 20
 """Steps of that search."""
 CENTRINGS = 4
-FEWEST, MOST = 10, 80
-"""Sections, about one per radius, through whose centroids a line is laid."""
-SECTIONS_PER_PIECE = 2.5
+LEVELS = 10
+"""Of the potential, between each two of which there is one point of the first guess."""
+FEWEST, MOST = 12, 240
+SECTIONS_PER_RADIUS = 3
+"""Through whose centroids a line is laid, within these bounds."""
+SECTIONS_PER_PIECE = 2
 """Of the smooth line."""
+WINDOW, POWER = 2.5, 8
+"""A section that is wider than another within so many radii belongs to a fork: the ratio of areas is its weight, to
+this power."""
 HOLD = 100.0
 """Weight of both ends of a line, against 1 of each section."""
 
@@ -56,7 +62,7 @@ class Centreline:
             steps = np.diff(at)
             speeds = np.linalg.norm(self._curve(at[:-1, None] + steps[:, None] * nodes, 1), axis=2)
             at = np.concatenate([[0.0], np.cumsum(steps * speeds.mean(axis=1))])
-        self.length = float(at[-1])
+        self.length = float(at[-1] if self._curve is None else self._curve.x[-1])
         self._start, self._way = given[0], (given[-1] - given[0]) / self.length
 
     def points(self, at: Array) -> Array:
@@ -135,15 +141,20 @@ def _found(domain: Domain, vessel: Vessel, inlet: str, outlet: str) -> Centrelin
         )
     first, last = (_centroid(domain, name) for name in (inlet, outlet))
     radius = np.sqrt(domain.area(inlet) / np.pi)
-    line = Centreline(_smooth(np.vstack([first, _middles(domain, vessel.lumen, inlet, outlet), last])))
+    middles = _middles(domain, vessel.lumen, inlet, outlet)
+    line = Centreline(_smooth(np.vstack([first, middles, last]), np.array([HOLD, *(1.0 for _ in middles), HOLD])))
     surface = Surface(domain.mesh, domain.boundaries(vessel.interface), domain.geometry.curving_order)
     place = surface.coefficients(ng.CF((ng.x, ng.y, ng.z)))
     for _ in range(CENTRINGS):
-        number = int(np.clip(line.length / radius, FEWEST, MOST))
+        number = int(np.clip(SECTIONS_PER_RADIUS * line.length / radius, FEWEST, MOST))
         at = line.length * (np.arange(number) + 0.5) / number
         cut = surface.cut(place, line.points(at), line.tangents(at), domain.geometry.curving_order + 2)
-        middles = cut.centroids(surface.values(place, cut))[cut.whole]
-        line = Centreline(_smooth(np.vstack([first, middles, last])))
+        points = surface.values(place, cut)
+        areas = np.where(cut.whole, cut.enclosed(points - cut.spread(line.points(at)), cut.derivative(points)), np.inf)
+        window = np.abs(at[:, None] - at) < WINDOW * radius
+        smallest = np.where(window, areas, np.inf).min(axis=1)
+        middles, weights = cut.centroids(points)[cut.whole], (smallest / areas)[cut.whole] ** POWER
+        line = Centreline(_smooth(np.vstack([first, middles, last]), np.concatenate([[HOLD], weights, [HOLD]])))
     return line
 
 
@@ -164,18 +175,22 @@ def _middles(domain: Domain, lumen: str, inlet: str, outlet: str) -> Array:
     inverse = form.mat.Inverse(space.FreeDofs(), inverse="sparsecholesky")
     potential.vec.data -= inverse @ form.mat * potential.vec
     power = ng.Grad(potential) * ng.Grad(potential)
-    fields = ng.CF((1, potential, ng.x, ng.y, ng.z)) * power
     region = domain.materials(lumen)
-    sums = np.array(ng.Integrate(fields, mesh, element_wise=True, definedon=region, order=5))
-    sums = sums.reshape(mesh.ne, 5)[[element.nr for element in region.Elements()]]
-    level = np.minimum((sums[:, 1] / sums[:, 0] * FEWEST).astype(int), FEWEST - 1)
-    total = np.zeros((FEWEST, 5))
+    sums = np.stack(
+        [
+            np.array(ng.Integrate(field * power, mesh, element_wise=True, definedon=region))
+            for field in (ng.CF(1.0), potential, ng.x, ng.y, ng.z)
+        ],
+        axis=1,
+    )[[element.nr for element in region.Elements()]]
+    level = np.minimum((sums[:, 1] / sums[:, 0] * LEVELS).astype(int), LEVELS - 1)
+    total = np.zeros((LEVELS, 5))
     np.add.at(total, level, sums)
     total = total[total[:, 0] > 0]
     return np.asarray(total[:, 2:] / total[:, :1])
 
 
-def _smooth(points: Array) -> Array:
+def _smooth(points: Array, weights: Array) -> Array:
     """Return as many points near given ones, on the cubic spline of few pieces that fits them best; the ends stay."""
     from scipy.interpolate import make_lsq_spline
 
@@ -184,8 +199,6 @@ def _smooth(points: Array) -> Array:
     degree = min(3, len(points) - 1)
     inner = np.quantile(at, np.linspace(0.0, 1.0, pieces + 1)[1:-1])
     knots = np.concatenate([np.full(degree + 1, at[0]), inner, np.full(degree + 1, at[-1])])
-    weights = np.ones(len(points))
-    weights[[0, -1]] = HOLD
     smooth = make_lsq_spline(at, points, knots, degree, w=weights)(at)
     smooth[[0, -1]] = points[[0, -1]]
     return np.asarray(smooth)

@@ -45,7 +45,9 @@ def gauss(points: int) -> Gauss:
     """Return Gauss's rule with so many points."""
     nodes, weights = legendre.leggauss(points)
     nodes = (nodes + 1) / 2
-    slopes: Array = np.hstack([np.zeros((points, 1)), np.vander(nodes, points - 1, increasing=True) * np.arange(1, points)])
+    slopes: Array = np.hstack(
+        [np.zeros((points, 1)), np.vander(nodes, points - 1, increasing=True) * np.arange(1, points)]
+    )
     powers: Array = np.linalg.inv(np.vander(nodes, increasing=True))
     slope = np.asarray(slopes @ powers)
     return Gauss(nodes, weights / 2, slope, powers)
