@@ -45,12 +45,9 @@ def gauss(points: int) -> Gauss:
     """Return Gauss's rule with so many points."""
     nodes, weights = legendre.leggauss(points)
     nodes = (nodes + 1) / 2
-    slopes: Array = np.hstack(
-        [np.zeros((points, 1)), np.vander(nodes, points - 1, increasing=True) * np.arange(1, points)]
-    )
-    powers: Array = np.linalg.inv(np.vander(nodes, increasing=True))
-    slope = np.asarray(slopes @ powers)
-    return Gauss(nodes, weights / 2, slope, powers)
+    powers = np.asarray(np.linalg.inv(np.vander(nodes, increasing=True)), dtype=float)
+    slopes = np.hstack([np.zeros((points, 1)), np.vander(nodes, points - 1, increasing=True) * np.arange(1, points)])
+    return Gauss(nodes, weights / 2, np.asarray(slopes @ powers), powers)
 
 
 class Line(NamedTuple):
@@ -224,11 +221,16 @@ class Surface:
         plane[..., 0] -= np.sum(centres * normals, axis=1)[:, None]
         distance = normals @ corners.T - np.sum(centres * normals, axis=1)[:, None]
         station, element, edges = self._crossed(distance, plane)
+        first, second = (self._vertices[element[:, None], (edges + k) % 4] for k in (0, 1))
         begin = self._corners[element[:, None], edges]
         way = self._corners[element[:, None], (edges + 1) % 4] - begin
-        below = distance[station[:, None], self._vertices[element[:, None], edges]] < 0
-        ends = begin + self._roots(plane[station, element], begin, way, below)[..., None] * way
+        roots = self._roots(plane[station, element], begin, way, distance[station[:, None], first] < 0)
         numbers, bounds = self._edges[element[:, None], edges], np.searchsorted(station, np.arange(len(centres) + 1))
+        # both elements of an edge take the root of one: where the edge nearly lies in the plane, it is badly known
+        same = np.unique(np.column_stack([np.repeat(station, 2), numbers.ravel()]), axis=0, return_index=True,
+                         return_inverse=True)  # fmt: skip
+        roots = np.where(first > second, 1 - roots, roots).ravel()[same[1]][same[2]].reshape(roots.shape)
+        ends = begin + np.where(first > second, 1 - roots, roots)[..., None] * way
         parts, whole = [], np.zeros(len(centres), dtype=bool)
         for k, (centre, normal) in enumerate(zip(centres, normals, strict=True)):
             here = slice(bounds[k], bounds[k + 1])
@@ -343,18 +345,17 @@ def _lines(pairs: Indices, element: Indices, ends: Array) -> list[Line]:
         for end in link:
             at.setdefault(end, []).append(number)
     loose = [numbers[0] for numbers in at.values() if len(numbers) == 1]
-    left, lines = dict.fromkeys([*loose, *range(len(links))]), []
+    left, lines = dict.fromkeys([*loose, *range(len(links))]), list[Line]()
     while left:
-        number: int | None = next(iter(left))
-        assert number is not None
-        begin = end = min(links[number], key=lambda end: len(at[end]))
-        order, turned = [], []
-        while number is not None:
-            del left[number]
-            order.append(number)
-            turned.append(links[number][0] != end)
-            end = links[number][1 - turned[-1]]
-            number = next((other for other in at[end] if other in left), None)
+        arc: int | None = next(iter(left))
+        begin = end = min(links[next(iter(left))], key=lambda end: len(at[end]))
+        order, turned = list[int](), list[bool]()
+        while arc is not None:
+            del left[arc]
+            order.append(arc)
+            turned.append(links[arc][0] != end)
+            end = links[arc][1 - turned[-1]]
+            arc = next((other for other in at[end] if other in left), None)
         of_arcs = np.where(np.array(turned)[:, None, None], ends[order][:, ::-1], ends[order])
         lines.append(Line(element[order], of_arcs, end == begin))
     return lines
