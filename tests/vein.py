@@ -22,7 +22,7 @@ from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean, Newtonian, load_set
 from ngfsi.measure.probe import VesselProbe
 from ngfsi.measure.sections import Sections
-from ngfsi.mesh.centreline import centrelines
+from ngfsi.mesh.centreline import find_centrelines
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.generate import MeshReport, quiet
 from ngfsi.registry import register
@@ -103,8 +103,7 @@ def steady(case: Case) -> tuple[System, Newton]:
 def sections_of(system: System, positions: Array | None = None) -> Sections:
     """Return refreshed sections of the first vessel, at positions along it."""
     vessel = system.domain.vessels[0]
-    line = centrelines(system.domain, vessel)[vessel.outlets[0]]
-    sections = Sections(system, vessel, line, positions)
+    sections = Sections(system, vessel, find_centrelines(system.domain, vessel)[0], positions)
     sections.refresh()
     return sections
 

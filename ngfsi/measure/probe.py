@@ -16,7 +16,7 @@ from ngfsi.measure.sections import STATIONS, Sections
 from ngfsi.measure.side import Side
 from ngfsi.measure.transmural import WallLoad
 from ngfsi.measure.wall import ShearStatistics, Wall
-from ngfsi.mesh.centreline import centrelines
+from ngfsi.mesh.centreline import find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
@@ -63,13 +63,14 @@ class VesselProbe:
 
     def __init__(self, system: System, vessel: Vessel) -> None:
         self.system, self.vessel, self.domain = system, vessel, system.domain
-        line = centrelines(system.domain, vessel)[vessel.outlets[0]]
-        self.wall = Wall(system, vessel, line)
+        lines = find_centrelines(system.domain, vessel)
+        line = lines[0]
+        self.wall = Wall(system, vessel, lines)
         self.sections = Sections(system, vessel, line)
         self.outlines = Sections(system, vessel, line, line.stations(system.case.output.stations))
         outside = system.domain.beyond(vessel)
         self._sides = {name: Side(system, name) for name in (vessel.wall, outside) if name and outside}
-        self.load = WallLoad(system, vessel, self.sections, self._sides[outside], outside) if outside else None
+        self.load = WallLoad(system, self.sections, self._sides[outside], outside) if outside else None
         self.outside = outside
         self.shear = self.consistent_shear = NO_SHEAR
         self.integral = Integrals(self.domain.mesh)
@@ -92,7 +93,7 @@ class VesselProbe:
         vessel, centreline = self.vessel, self.vessel.centreline or ()
         return {"lumen": vessel.lumen, "interface": vessel.interface, "wall": vessel.wall, "outer": vessel.outer,
                 "inlets": list(vessel.inlets), "outlets": list(vessel.outlets), "radius_m": vessel.radius,
-                "length_m": self.sections.length, "stations": STATIONS,
+                "length_m": self.sections.line.length, "stations": STATIONS,
                 "centreline_m": [list(point) for point in centreline]}  # fmt: skip
 
     def inflow(self) -> float:

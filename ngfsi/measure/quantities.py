@@ -183,7 +183,7 @@ VESSEL: tuple[Quantity, ...] = (
     _of_vessel("outlet_pressure", "Pa", "blood pressure at the outlet", _given_outlet, _has_given_outlet),
     _of_vessel("lumen_volume", "m3", "volume of the lumen", lambda p: p.integral("lumen volume")),
     _of_vessel("lumen_area_mean", "m2", "volume of the lumen over the length of the vessel",
-               lambda p: p.integral("lumen volume") / p.sections.length),
+               lambda p: p.integral("lumen volume") / p.sections.line.length),
     *_along("area", "m2", f"lumen area at station {{}} of 0 (inlet) to {STATIONS - 1} (outlet)",
             lambda p: p.sections.areas),
     _of_vessel("sawss", "Pa", "wall shear stress, mean over the deformed wall", lambda p: p.shear.mean),

@@ -1,4 +1,4 @@
-"""Shape of the lumen in sections perpendicular to the vein's axis, wherever that leads.
+"""Shape of the lumen in sections perpendicular to the vessel's axis, wherever that leads.
 
 SciPy is loaded when there is something to measure, as in `sections`.
 """
@@ -11,14 +11,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.measure.sections import Outlines, Sections
+from ngfsi.measure.sections import Sections
+from ngfsi.mesh.surface import Outlines, across
 
 Array = NDArray[np.float64]
 
 CUTS = 3
 """Centroids, and with them the axis, move when the vessel is cut anew."""
-ALONG_X = 0.9
-"""Component of an axis above which angles are counted from y instead of x."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +31,8 @@ class Shape:
         hydraulic_diameter: 4 area / perimeter (m).
         circularity: 4 pi area / perimeter^2, 1 for a circle (Cox, J Paleontology 1, 1927).
         major, minor: semi-axes (m) of the ellipse with the same area and ratio of second moments.
-        angle: of the major axis against x in the section's plane (rad), from -pi/2 to pi/2; against y where the vessel
-            runs along x.
+        angle: of the major axis against x in the section's plane (rad), from -pi/2 to pi/2; against y where the axis
+            is nearly along x.
     """
 
     centre: Array
@@ -50,57 +49,53 @@ class Shape:
     def of(cls, sections: Sections, *, cut: bool = False) -> Self:
         """Return the shape in a refreshed set of two whole sections or more.
 
-        Their outlines are looked at along the axis: exact where the vessel is a cylinder, straight or oblique, from one
-        side of the outline to the other. Where a free end has moved in, planes before it cut no whole outline: there
-        stands the nearest section that is whole.
+        Their outlines, perpendicular to the centreline of the mesh, are looked at along the present axis: exact where
+        the vessel is a cylinder, straight or oblique, from one side of the outline to the other. Where a free end has
+        moved in, planes before it cut no whole outline: there stands the nearest section that is whole.
 
         Args:
             cut: cut the vessel anew, perpendicular to its axis, as a curved one needs; where such a plane leaves the
-                vessel through an end, the outline perpendicular to the centreline stays.
+                vessel through an end, the first outline stays.
         """
-        heights, first = sections.heights[sections.whole], sections.planes(sections.whole)
-        found = cls._of(sections.outlines, heights)
+        outlines, points, numbers = sections.outlines, sections.points, np.arange(len(sections.stations))
+        whole = np.flatnonzero(sections.whole)
+        if len(whole) < 2:
+            whole = numbers
+        nearest = np.argmin(np.abs(numbers[:, None] - whole), axis=1)
+        found = cls._of_outlines(outlines, points, sections.stations, whole)
         for _ in range(CUTS if cut else 0):
-            centres, axes = found.centre.copy(), found.axis.copy()
-            outlines, whole = sections.across(centres, axes)
-            if not np.all(whole):
-                for planes, at_first in zip((centres, axes), first, strict=True):
-                    planes[~whole] = at_first[~whole]
-                outlines, _ = sections.across(centres, axes)
-            found = cls._of(outlines, heights)
-        return found._taken(sections.nearest_whole())
-
-    def _taken(self, numbers: NDArray[np.int64]) -> Self:
-        """Return the shapes of those sections."""
-        return replace(self, **{field.name: getattr(self, field.name)[numbers] for field in fields(self)})
+            planes = found.centre.copy(), found.axis.copy()
+            outlines, points = sections.across(*planes)
+            if not np.all(outlines.whole):
+                for new, old in zip(planes, (sections.centres, sections.normals), strict=True):
+                    new[~outlines.whole] = old[whole][~outlines.whole]
+                outlines, points = sections.across(*planes)
+            found = cls._of_outlines(outlines, points, sections.stations[whole], np.arange(len(whole)))
+        return found._taken(nearest)
 
     @classmethod
-    def _of(cls, outlines: Outlines, heights: Array) -> Self:
-        """Return the shape of outlines at positions along the vessel (m)."""
+    def _of_outlines(cls, outlines: Outlines, points: Array, stations: Array, those: NDArray[np.int64]) -> Self:
+        """Return the shape of some of the outlines at stations, from their points (arcs, points, 3)."""
         from scipy.interpolate import CubicSpline
 
-        points, tangents, curve, integral = outlines.points, outlines.tangents(), outlines.curve, outlines.integral
-        lengths = np.linalg.norm(tangents, axis=2)
-        centre = np.stack([integral(points[..., i] * lengths) for i in range(3)], axis=1) / integral(lengths)[:, None]
+        spread, integral, tangents = outlines.spread, outlines.integral, outlines.derivative(points)
+        centre = outlines.centroids(points)
         for _ in range(2):  # the centroid is known once the plane is, which needs the axis: a rough one first
-            axis = CubicSpline(heights, centre)(heights, 1)
+            axis = CubicSpline(stations[those], centre[those])(stations, 1)
             axis /= np.linalg.norm(axis, axis=1)[:, None]
-            first = np.where(np.abs(axis[:, :1]) < ALONG_X, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-            first = first - np.sum(first * axis, axis=1)[:, None] * axis
-            first /= np.linalg.norm(first, axis=1)[:, None]
-            second = np.cross(axis, first)
-            x, y = (np.einsum("apc,ac->ap", points - centre[curve][:, None], way[curve]) for way in (first, second))
-            dx, dy = (np.einsum("apc,ac->ap", tangents, way[curve]) for way in (first, second))
+            first, second = across(axis)
+            x, y = (np.sum((points - spread(centre)) * spread(way), axis=2) for way in (first, second))
+            dx, dy = (np.sum(tangents * spread(way), axis=2) for way in (first, second))
             area = integral(x * dy - y * dx) / 2
             offsets = integral(x**2 * dy) / (2 * area), -integral(y**2 * dx) / (2 * area)
             centre = centre + offsets[0][:, None] * first + offsets[1][:, None] * second
-        x, y = x - offsets[0][curve][:, None], y - offsets[1][curve][:, None]
+        x, y = x - offsets[0][outlines.station, None], y - offsets[1][outlines.station, None]
         xx, yy, xy = (integral(f) for f in (x**3 * dy / 3, -(y**3) * dx / 3, x**2 * y * dy / 2))
         perimeter = integral(np.hypot(dx, dy))
-        spread, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
-        ratio = np.sqrt((mean + spread) / (mean - spread))
+        spreading, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
+        ratio = np.sqrt((mean + spreading) / (mean - spreading))
         size = np.sqrt(area / np.pi)
-        return cls(
+        found = cls(
             centre=centre,
             axis=axis,
             area=area,
@@ -111,6 +106,11 @@ class Shape:
             minor=size / np.sqrt(ratio),
             angle=np.arctan2(2 * xy, xx - yy) / 2,
         )
+        return found._taken(those)
+
+    def _taken(self, numbers: NDArray[np.int64]) -> Self:
+        """Return the shapes of those sections."""
+        return replace(self, **{field.name: getattr(self, field.name)[numbers] for field in fields(self)})
 
     def rows(self, time: float) -> list[dict[str, float]]:
         """Return a row of a table for each station; time in s."""

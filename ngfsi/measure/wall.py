@@ -19,7 +19,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.mesh.centreline import Centreline, centrelines
+from ngfsi.mesh.centreline import Centreline, direction, find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, VELOCITY
@@ -42,7 +42,7 @@ class WallSample:
         quads: (m, 4) numbers of points.
         shear: (n, 3) wall shear stress, Pa.
         pressure: (n,) pressure of the blood, Pa.
-        tangential: (n, 2) components of the shear along the vein (along the material line that was parallel to the
+        tangential: (n, 2) components of the shear along the vessel (along the material line that was parallel to its
             centreline) and around it, Pa: they follow the wall as it turns.
     """
 
@@ -77,13 +77,14 @@ class Wall:
     since they lie in the same space there.
     """
 
-    def __init__(self, system: System, vessel: Vessel, line: Centreline | None = None) -> None:
+    def __init__(self, system: System, vessel: Vessel, lines: tuple[Centreline, ...] = ()) -> None:
         """Prepare.
 
         Args:
-            line: from inlet to outlet; None: that of the vessel to its first outlet.
+            lines: its centrelines; default: those found.
         """
         self.system, self.vessel = system, vessel
+        lines = lines or find_centrelines(system.domain, vessel)
         domain, order = system.domain, system.unknowns.order
         fluid = str(vessel.lumen)
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
@@ -109,7 +110,7 @@ class Wall:
         self._shear = self._projection.work_of(self.shear)
         self.field = ng.GridFunction(self._projection.space)
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
-        self._line, self._deformation = line, k.F
+        self._along = (k.F * direction(domain, vessel, lines)).Compile()
         self._normal = normal.Compile()
         self._points = self._map(_rules(lambda shape: ng.IntegrationRule(shape, 2 * order)))
 

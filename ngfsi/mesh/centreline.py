@@ -1,147 +1,195 @@
-"""The line through the middle of a vessel: along it stations are counted, across it sections are cut.
-
-Where a geometry gives none it is found from the mesh: the way from one opening to another along edges of the lumen that
-is cheapest where it keeps away from the wall (as of the vascular modelling toolkit VMTK, Antiga et al., Med Biol Eng
-Comput 46, 2008), smoothed by splines.
-
-SciPy is loaded when there is a line to be made, which a refused case need not wait for.
-"""
+"""The line through the middle of a vessel: given by its geometry, or found from the mesh of its lumen."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.errors import MeshError
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.geometry import Vessel
+from ngfsi.mesh.surface import Surface
 
 Array = NDArray[np.float64]
 
-SAMPLES = 801
-"""Points among which the nearest one of a curve is looked for."""
-PIECES = 8
-"""Of the splines that smooth a way along edges."""
+REFITS = 4
+"""Of a spline to its own arc length."""
+PIECES = 16
+"""Between two knots, each integrated by two Gauss points."""
+SEARCH = 200
+"""Points of a curve among which the nearest begins the search for the foot of a perpendicular."""
+FEET = 20
+"""Steps of that search."""
+CENTRINGS = 4
+LEVELS = 10
+"""Of the potential, between each two of which there is one point of the first guess."""
+FEWEST, MOST = 12, 240
+SECTIONS_PER_RADIUS = 3
+"""Through whose centroids a line is laid, within these bounds."""
+SECTIONS_PER_PIECE = 2
+"""Of the smooth line."""
+WINDOW, POWER = 2.5, 8
+"""A section that is wider than another within so many radii belongs to a fork: the ratio of areas is its weight, to
+this power."""
+HOLD = 100.0
+"""Weight of both ends of a line, against 1 of each section."""
 
 
 class Centreline:
-    """A curve through points.
+    """A smooth curve through points, with its arc length as parameter: a straight line or a cubic spline.
 
     Attributes:
-        points: (n, 3) m, two or more; of two it is straight, of more a cubic spline over the length of their polygon.
-        length: m.
+        length: m
     """
 
-    def __init__(self, points: Sequence[Sequence[float]] | Array) -> None:
-        self.points = np.asarray(points, dtype=float)
-        knots = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))]
-        self._knots, self.length = knots, float(knots[-1])
+    def __init__(self, points: Any) -> None:
+        """Prepare.
 
-    @property
-    def straight(self) -> bool:
-        """Whether it is a straight line."""
-        return len(self.points) == 2
+        Args:
+            points: (n, 3) [m], two or more.
+        """
+        from scipy.interpolate import CubicSpline
 
-    @cached_property
-    def _spline(self) -> Any:
-        from scipy.interpolate import make_interp_spline
+        given = np.asarray(points, dtype=float)
+        at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(given, axis=0), axis=1))])
+        nodes = np.concatenate([(np.arange(PIECES) + share) / PIECES for share in (0.5 - 12**-0.5, 0.5 + 12**-0.5)])
+        self._curve: Any = None
+        for _ in range(REFITS if len(given) > 2 else 0):
+            self._curve = CubicSpline(at, given)
+            steps = np.diff(at)
+            speeds = np.linalg.norm(self._curve(at[:-1, None] + steps[:, None] * nodes, 1), axis=2)
+            at = np.concatenate([[0.0], np.cumsum(steps * speeds.mean(axis=1))])
+        self.length = float(at[-1] if self._curve is None else self._curve.x[-1])
+        self._start, self._way = given[0], (given[-1] - given[0]) / self.length
 
-        return make_interp_spline(self._knots, self.points, k=min(3, len(self.points) - 1))
+    def points(self, at: Array) -> Array:
+        """Return the points (n, 3) [m] at arc lengths (n,) [m]."""
+        if self._curve is None:
+            return np.asarray(self._start + np.asarray(at)[:, None] * self._way)
+        return np.asarray(self._curve(at))
 
-    def at(self, s: Array) -> Array:
-        """Return the points (n, 3) [m] at positions s (n,) [m] from the start."""
-        if self.straight:
-            return np.asarray(self.points[0] + np.asarray(s)[:, None] * self.tangents(s))
-        return np.asarray(self._spline(s))
-
-    def tangents(self, s: Array) -> Array:
-        """Return the unit tangents (n, 3) at positions s (n,) [m]."""
-        if self.straight:
-            return np.broadcast_to((self.points[1] - self.points[0]) / self.length, (len(s), 3))
-        slopes = self._spline(s, 1)
+    def tangents(self, at: Array) -> Array:
+        """Return the unit tangents (n, 3) at arc lengths (n,) [m]."""
+        if self._curve is None:
+            return np.tile(self._way, (len(at), 1))
+        slopes = np.asarray(self._curve(at, 1))
         return np.asarray(slopes / np.linalg.norm(slopes, axis=1)[:, None])
 
-    def position(self, points: Array) -> Array:
-        """Return the positions (n,) [m] of the places on the line that are nearest to points (n, 3) [m]."""
-        if self.straight:
-            return np.asarray((points - self.points[0]) @ self.tangents(np.zeros(1))[0])
+    def coordinate(self, points: Array) -> Array:
+        """Return the arc lengths (n,) [m] of the points of the curve that are nearest to points (n, 3) [m]."""
+        if self._curve is None:
+            return np.asarray(np.clip((points - self._start) @ self._way, 0.0, self.length))
         from scipy.spatial import cKDTree
 
-        s = np.linspace(0, self.length, SAMPLES)
-        near = s[cKDTree(self.at(s)).query(points)[1]]
-        return np.asarray(near + np.einsum("ij,ij->i", points - self.at(near), self.tangents(near)))
+        coarse = np.linspace(0.0, self.length, SEARCH)
+        at = coarse[cKDTree(self.points(coarse)).query(points)[1]]
+        for _ in range(FEET):
+            at = np.clip(at + np.sum((points - self.points(at)) * self.tangents(at), axis=1), 0.0, self.length)
+        return np.asarray(at)
 
-    def direction(self, domain: Domain) -> Any:
-        """Return the tangent at the nearest place of the line as a field of the straight mesh."""
-        if self.straight:
-            return ng.CF(tuple(map(float, self.tangents(np.zeros(1))[0])))
-        field = ng.GridFunction(ng.VectorH1(domain.mesh, order=1))
-        points = np.array([vertex.point for vertex in domain.mesh.vertices])
-        s = np.clip(self.position(points), 0.0, self.length)
-        field.vec.FV().NumPy()[:] = self.tangents(s).T.ravel()
-        return field
-
-    def stations(self, count: int) -> Array:
-        """Return evenly spaced positions from start to end (m)."""
-        return np.linspace(0.0, self.length, count)
+    def stations(self, number: int) -> Array:
+        """Return arc lengths (number,) [m] evenly from the first to the last."""
+        return np.linspace(0.0, self.length, number)
 
 
-def centrelines(domain: Domain, vessel: Vessel) -> dict[str, Centreline]:
-    """Return the lines of a vessel by the opening at the end that is no other's: from the first inlet to each outlet, and
-    from each further inlet to the first outlet."""
-    if vessel.centreline is not None:
-        return {vessel.outlets[0]: Centreline(vessel.centreline)}
-    ways = _Ways(domain, vessel)
-    first, last = vessel.inlets[0], vessel.outlets[0]
-    found = {name: ways.between(first, name) for name in vessel.outlets}
-    return found | {name: ways.between(name, last) for name in vessel.inlets[1:]}
+def find_centrelines(domain: Domain, vessel: Vessel) -> tuple[Centreline, ...]:
+    """Return the centrelines of a vessel: from its first inlet to each outlet, and from each further inlet to the first
+    outlet. The first is the geometry's own, if it has one.
+
+    Others are found in the reference shape: through the middle of the flow of a potential from end to end, which does
+    not enter other branches, and then, a few times, through the centroids of the line's own sections.
+
+    Raises:
+        MeshError: the vessel has no lumen to find a line in.
+    """
+    ends = [(vessel.inlets[0], end) for end in vessel.outlets] + [(end, vessel.outlets[0]) for end in vessel.inlets[1:]]
+    given = [] if vessel.centreline is None else [Centreline(vessel.centreline)]
+    return *given, *(_found(domain, vessel, *pair) for pair in ends[len(given) :])
 
 
-class _Ways:
-    """Ways through a lumen along the edges of its mesh."""
+def direction(domain: Domain, vessel: Vessel, lines: tuple[Centreline, ...]) -> Any:
+    """Return the direction of the nearest centreline as a field on a vessel's interface, of unit length at vertices."""
+    vertices = sorted({v.nr for element in domain.boundaries(vessel.interface).Elements() for v in element.vertices})
+    points = np.array([domain.mesh[ng.NodeId(ng.VERTEX, v)].point for v in vertices])
+    feet = [line.coordinate(points) for line in lines]
+    away = [np.linalg.norm(points - line.points(at), axis=1) for line, at in zip(lines, feet, strict=True)]
+    ways = np.array([line.tangents(at) for line, at in zip(lines, feet, strict=True)])
+    found = ng.GridFunction(ng.VectorH1(domain.mesh, order=1))
+    for component, values in zip(
+        found.components, ways[np.argmin(away, axis=0), np.arange(len(points))].T, strict=True
+    ):
+        component.vec.FV().NumPy()[vertices] = values
+    return found
 
-    def __init__(self, domain: Domain, vessel: Vessel) -> None:
-        from scipy.sparse import csr_matrix
-        from scipy.spatial import cKDTree
 
-        mesh = domain.mesh
-        numbers = sorted({v.nr for e in domain.materials(str(vessel.lumen)).Elements() for v in e.vertices})
-        self._new = {number: k for k, number in enumerate(numbers)}
-        self._places = np.array([mesh.vertices[number].point for number in numbers])
-        wall = {v.nr for e in domain.boundaries(vessel.interface).Elements() for v in e.vertices}
-        away = cKDTree(np.array([mesh.vertices[number].point for number in wall])).query(self._places)[0]
-        pairs = np.array([[self._new[v.nr] for v in edge.vertices] for e in
-                          domain.materials(str(vessel.lumen)).Elements() for edge in map(mesh.__getitem__, e.edges)])
-        pairs = np.unique(np.sort(pairs, axis=1), axis=0)
-        a, b = pairs.T
-        lengths = np.linalg.norm(self._places[a] - self._places[b], axis=1)
-        nearest = np.maximum((away[a] + away[b]) / 2, 1e-3 * float(away.max()))
-        self._graph = csr_matrix((lengths / nearest**2, (a, b)), shape=(len(numbers),) * 2)
-        self._domain, self._radius = domain, float(away.max())
+def _found(domain: Domain, vessel: Vessel, inlet: str, outlet: str) -> Centreline:
+    if vessel.lumen is None:
+        raise MeshError(
+            f"the vessel '{vessel.name}' is a hole: give its geometry a centreline, which is found in blood"
+        )
+    first, last = (_centroid(domain, name) for name in (inlet, outlet))
+    radius = np.sqrt(domain.area(inlet) / np.pi)
+    middles = _middles(domain, vessel.lumen, inlet, outlet)
+    line = Centreline(_smooth(np.vstack([first, middles, last]), np.array([HOLD, *(1.0 for _ in middles), HOLD])))
+    surface = Surface(domain.mesh, domain.boundaries(vessel.interface), domain.geometry.curving_order)
+    place = surface.coefficients(ng.CF((ng.x, ng.y, ng.z)))
+    for _ in range(CENTRINGS):
+        number = int(np.clip(SECTIONS_PER_RADIUS * line.length / radius, FEWEST, MOST))
+        at = line.length * (np.arange(number) + 0.5) / number
+        cut = surface.cut(place, line.points(at), line.tangents(at), domain.geometry.curving_order + 2)
+        points = surface.values(place, cut)
+        areas = np.where(cut.whole, cut.enclosed(points - cut.spread(line.points(at)), cut.derivative(points)), np.inf)
+        window = np.abs(at[:, None] - at) < WINDOW * radius
+        smallest = np.where(window, areas, np.inf).min(axis=1)
+        middles, weights = cut.centroids(points)[cut.whole], (smallest / areas)[cut.whole] ** POWER
+        line = Centreline(_smooth(np.vstack([first, middles, last]), np.concatenate([[HOLD], weights, [HOLD]])))
+    return line
 
-    def between(self, start: str, end: str) -> Centreline:
-        """Return the line between two openings, its ends in their middles."""
-        from scipy.interpolate import make_lsq_spline
-        from scipy.sparse.csgraph import dijkstra
 
-        ends = [self._domain.centroid(name) for name in (start, end)]
-        first, last = (int(np.argmin(np.linalg.norm(self._places - middle, axis=1))) for middle in ends)
-        _, before = dijkstra(self._graph, directed=False, indices=first, return_predecessors=True)
-        way = [last]
-        while way[-1] != first:
-            way.append(int(before[way[-1]]))
-        points = np.vstack([ends[0], self._places[way[::-1]][1:-1], ends[1]])
-        s = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-        even = np.linspace(0.0, s[-1], 16 * PIECES + 1)
-        dense = np.column_stack([np.interp(even, s, column) for column in points.T])
-        inner = np.linspace(0.0, s[-1], PIECES + 1)[1:-1]
-        knots = np.r_[[0.0] * 4, inner, [s[-1]] * 4]
-        weights = np.ones(len(even))
-        weights[[0, -1]] = 1e3
-        smooth = make_lsq_spline(even, dense, knots, k=3, w=weights)(np.linspace(0.0, s[-1], 4 * PIECES + 1))
-        smooth[[0, -1]] = ends
-        return Centreline(smooth)
+def _centroid(domain: Domain, boundary: str) -> Array:
+    ds = domain.ds(boundary, bonus_intorder=4)
+    moment = [float(ng.Integrate(way * ds, domain.mesh)) for way in (ng.x, ng.y, ng.z)]
+    return np.array(moment) / domain.area(boundary)
+
+
+def _middles(domain: Domain, lumen: str, inlet: str, outlet: str) -> Array:
+    """Return points (n, 3) [m] in the middle of the flow of a potential, in its direction."""
+    mesh, dx = domain.mesh, domain.dx(lumen)
+    space = ng.H1(mesh, order=2, definedon=domain.materials(lumen), dirichlet=f"{inlet}|{outlet}")
+    trial, test = space.TnT()
+    form = ng.BilinearForm(ng.Grad(trial) * ng.Grad(test) * dx, symmetric=True).Assemble()
+    potential = ng.GridFunction(space)
+    potential.Set(1.0, definedon=domain.boundaries(outlet))
+    inverse = form.mat.Inverse(space.FreeDofs(), inverse="sparsecholesky")
+    potential.vec.data -= inverse @ form.mat * potential.vec
+    power = ng.Grad(potential) * ng.Grad(potential)
+    region = domain.materials(lumen)
+    sums = np.stack(
+        [
+            np.array(ng.Integrate(field * power, mesh, element_wise=True, definedon=region))
+            for field in (ng.CF(1.0), potential, ng.x, ng.y, ng.z)
+        ],
+        axis=1,
+    )[[element.nr for element in region.Elements()]]
+    level = np.minimum((sums[:, 1] / sums[:, 0] * LEVELS).astype(int), LEVELS - 1)
+    total = np.zeros((LEVELS, 5))
+    np.add.at(total, level, sums)
+    total = total[total[:, 0] > 0]
+    return np.asarray(total[:, 2:] / total[:, :1])
+
+
+def _smooth(points: Array, weights: Array) -> Array:
+    """Return as many points near given ones, on the cubic spline of few pieces that fits them best; the ends stay."""
+    from scipy.interpolate import make_lsq_spline
+
+    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    pieces = max(1, int((len(points) - 1) / SECTIONS_PER_PIECE) - 2)
+    degree = min(3, len(points) - 1)
+    inner = np.quantile(at, np.linspace(0.0, 1.0, pieces + 1)[1:-1])
+    knots = np.concatenate([np.full(degree + 1, at[0]), inner, np.full(degree + 1, at[-1])])
+    smooth = make_lsq_spline(at, points, knots, degree, w=weights)(at)
+    smooth[[0, -1]] = points[[0, -1]]
+    return np.asarray(smooth)

@@ -78,7 +78,7 @@ def test_cross_sections(probe: Probe) -> None:
     area = np.pi * RADIUS**2 * np.linalg.det(F[:2, :2])
     sections, tolerance = probe.vessels[""].sections, 5 * circle_error(probe.system)
     assert sections.areas == pytest.approx(np.full(11, area), rel=tolerance)
-    for height, ring in zip(sections.heights, sections.rings, strict=True):
+    for height, ring in zip(sections.stations, sections.rings, strict=True):
         assert ring[:, 2] == pytest.approx(np.full(len(ring), height), abs=1e-8 * LENGTH)
     assert sections.rings[10].mean(axis=0)[:2] == pytest.approx(LENGTH * F[:2, 2], rel=1e-3)
     angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
@@ -105,7 +105,7 @@ def test_shape_perpendicular_to_the_axis(probe: Probe) -> None:
     along = axes[:, 0] * np.sign(axes[0, 0])
     expected = np.arctan2(along @ np.cross(axis, first) / np.linalg.norm(first), along @ first / np.linalg.norm(first))
     assert found.angle == pytest.approx(np.full(11, expected), abs=0.02)
-    assert found.centre == pytest.approx(np.outer(probe.vessels[""].sections.heights, F[:, 2]), abs=1e-3 * RADIUS)
+    assert found.centre == pytest.approx(np.outer(probe.vessels[""].sections.stations, F[:, 2]), abs=1e-3 * RADIUS)
 
 
 def test_areas_integrate_to_the_volume_of_the_discrete_lumen(probe: Probe) -> None:
@@ -118,7 +118,7 @@ def test_areas_integrate_to_the_volume_of_the_discrete_lumen(probe: Probe) -> No
 def test_flow_along_the_vein(probe: Probe) -> None:
     """Blood that the shrinking sections before a station expel is added to the inflow."""
     area, rate = np.pi * RADIUS**2 * np.linalg.det(F[:2, :2]), np.trace(A[:2, :2])
-    flows = FLOW - rate * area * probe.vessels[""].sections.heights
+    flows = FLOW - rate * area * probe.vessels[""].sections.stations
     tolerance = circle_error(probe.system)
     assert probe.vessels[""].sections.local_flows(FLOW) - FLOW == pytest.approx(flows - FLOW, rel=3.5 * tolerance)
     diameter = np.sqrt(4 * area / np.pi)

@@ -76,7 +76,7 @@ def test_a_sheared_vein() -> None:
 def _load(system: System, heights: NDArray[np.float64]) -> WallLoad:
     tissue = Side(system, "tissue")
     sections = sections_of(system, heights)
-    load = WallLoad(system, sections.vessel, sections, tissue, "tissue")
+    load = WallLoad(system, sections, tissue, "tissue")
     tissue.refresh()
     load.refresh()
     return load
