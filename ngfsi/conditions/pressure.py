@@ -10,6 +10,7 @@ import ngsolve as ng
 from pydantic import Field, model_validator
 
 from ngfsi.conditions.condition import Setup, WithValue
+from ngfsi.conditions.openings import through
 from ngfsi.config.functions import PressureCurve
 from ngfsi.config.model import ConfigModel
 from ngfsi.mesh.domain import Domain
@@ -130,9 +131,13 @@ class BloodReference(WithValue):
     def _work(self, pressure: Any, m: Any, v: Any) -> list[Integral]:
         if not self._acts:
             return []
-        k, out_of_blood = Kinematics(ng.Grad(m).Trace()), self._domain.outward_normal(self.vessel.lumen)
+        domain, lumen, interface = self._domain, str(self.vessel.lumen), self.vessel.interface
+        if domain.mesh.dim == 2:  # in the plane the normal is outward only as the elements' own
+            work = -terms.follower_pressure(pressure, Kinematics(ng.Grad(m)), ng.specialcf.normal(2), v)
+            return [through(domain, lumen, interface, work, None)]
+        k, out_of_blood = Kinematics(ng.Grad(m).Trace()), domain.outward_normal(lumen)
         work = -terms.follower_pressure(pressure, k, out_of_blood, v.Trace())
-        return [Integral([work], self._domain.ds(self.vessel.interface))]
+        return [Integral([work], domain.ds(interface))]
 
     def pressure_scale(self) -> float:
         """Return the pressure, where it loads solids."""

@@ -71,8 +71,8 @@ class Taken(NamedTuple):
 def at_rest(system: System) -> None:
     """Begin the first step of a system from rest, by backward Euler."""
     zero, step = np.zeros(system.unknowns.size), system.case.time.step
-    system.set_loads(step)
-    system.set_rates(weights("backward_euler", step, None), (zero, zero), (zero, zero))
+    system.update(step)
+    system.set_rates(weights("backward_euler", step, None), (zero, zero), (zero, zero), step)
 
 
 def factorised(system: System, backend: Name) -> Factorisation:
