@@ -14,8 +14,8 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import GridFunction, Parameter
 
-from ngfsi.conditions import profiles
 from ngfsi.conditions.condition import Condition, Numbers, OpeningModel, Setup, Vector, WithValue
+from ngfsi.conditions.profiles import developed, inwards, oscillating, rim, womersley
 from ngfsi.config.functions import FlowCurve, PressureConstant, PressureCurve
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain, elements_at
@@ -55,19 +55,30 @@ class Opening(WithValue):
         return float(ng.Integrate(self.flux, self.domain.mesh))
 
     def _profile(self) -> GridFunction:
-        """Return developed flow into the vessel as a relative velocity, of unit mean in the reference shape but for a
-        factor: its unknowns on the opening alone are not zero."""
+        """Return developed flow into the vessel as a relative velocity, up to a factor; zero away from the opening."""
         geometry, field = self.domain.geometry, GridFunction(self._setup.unknowns.space)
         given = geometry.inflow() if self.opening == "inlet" else None
         if given is None:
-            face = profiles.developed(self.domain, self.opening, self._setup.order)
-            given = face * profiles.inwards(self.domain, self.opening, self.lumen)
-        self._set(field, given)
+            face = developed(self.domain, self.opening, self._setup.order)
+            self._set(field, face * inwards(self.domain, self.opening, self.lumen))
+        else:
+            self._set(field, given, dual=False)
         return field
 
-    def _set(self, field: GridFunction, velocity: Any) -> None:
-        place = self._setup.unknowns.place(VELOCITY)
-        field.components[place].Set(velocity, definedon=self.domain.boundaries(self.opening), bonus_intorder=4)
+    def _inflow_of(self, field: GridFunction) -> Any:
+        """Return the integral of the flow (m3/s) of a relative velocity through the moving opening, of either sign."""
+        motion, normal = Kinematics(ng.Grad(self._setup.state[MOTION])), ng.specialcf.normal(self.domain.mesh.dim)
+        measure = self.domain.ds(self.opening, bonus_intorder=2 * self._setup.order)
+        velocity = field.components[self._setup.unknowns.place(VELOCITY)]
+        return terms.relative_flux(motion, velocity, normal) * measure
+
+    def _size(self, flux: Any) -> float:
+        return float(abs(ng.Integrate(flux, self.domain.mesh)))
+
+    def _set(self, field: GridFunction, velocity: Any, *, dual: bool = True) -> None:
+        """Give the relative velocity values on the opening; `dual`: exact, if they are of the velocity's space."""
+        place, face = self._setup.unknowns.place(VELOCITY), self.domain.boundaries(self.opening)
+        field.components[place].Set(velocity, definedon=face, bonus_intorder=4, dual=dual)
 
 
 def flux_through(fields: Fields, domain: Domain, opening: str, lumen: str) -> Any:
@@ -96,10 +107,7 @@ class GivenFlow(Opening):
         self._numbers = setup.unknowns.on_opening[self.opening]
         self._field = self._flat() if self._kind == "flat" else self._profile()
         self._shape = self._values(self._field)
-        place = setup.unknowns.place(VELOCITY)
-        motion, normal = Kinematics(ng.Grad(setup.state[MOTION])), ng.specialcf.normal(self.domain.mesh.dim)
-        measure = self.domain.ds(self.opening, bonus_intorder=2 * setup.order)
-        self._flux = terms.relative_flux(motion, self._field.components[place], normal) * measure
+        self._flux = self._inflow_of(self._field)
         self._wave: Callable[[float], Vector] | None = None
         if self._kind == "womersley":
             self._wave = self._oscillating()
@@ -110,9 +118,9 @@ class GivenFlow(Opening):
 
     def _flat(self) -> GridFunction:
         field = GridFunction(self._setup.unknowns.space)
-        self._set(field, profiles.inwards(self.domain, self.opening, self.lumen))
+        self._set(field, inwards(self.domain, self.opening, self.lumen))
         component = field.components[self._setup.unknowns.place(VELOCITY)]
-        for number in np.flatnonzero(list(profiles.rim(self.domain, self.opening, component.space))):
+        for number in np.flatnonzero(list(rim(self.domain, self.opening, component.space))):
             component.vec[int(number)] = 0.0
         return field
 
@@ -125,22 +133,22 @@ class GivenFlow(Opening):
             )
         fluid = self._setup.fluid
         assert fluid is not None
-        inwards = profiles.inwards(self.domain, self.opening, self.lumen)
+        into = inwards(self.domain, self.opening, self.lumen)
 
         def profile_of(omega: float) -> tuple[Vector, complex]:
             parameter = fluid.density * omega / fluid.nominal_viscosity
-            face = profiles.womersley(self.domain, self.opening, self._setup.order, parameter)
+            face = womersley(self.domain, self.opening, self._setup.order, parameter)
             values, flux = [], []
             for part in (face.real, face.imag):
-                self._set(self._field, part * inwards)
+                self._set(self._field, part * into)
                 values.append(self._values(self._field))
-                flux.append(abs(float(ng.Integrate(self._flux, self.domain.mesh))))
+                flux.append(self._size(self._flux))
             signs = [np.sign(float(ng.Integrate(part * self.domain.ds(self.opening), self.domain.mesh)))
                      for part in (face.real, face.imag)]  # fmt: skip
             return values[0] + 1j * values[1], complex(signs[0] * flux[0], signs[1] * flux[1])
 
-        found = profiles.oscillating(self.curve, period, profile_of)
-        self._set(self._field, profiles.developed(self.domain, self.opening, self._setup.order) * inwards)
+        found = oscillating(self.curve, period, profile_of)
+        self._set(self._field, developed(self.domain, self.opening, self._setup.order) * into)
         self._shape = self._values(self._field)
         return found
 
@@ -157,20 +165,17 @@ class GivenFlow(Opening):
         """Scale the profile to the deformed opening."""
         wanted = -self.value.Get() if self.outwards else self.value.Get()
         if self._wave is None:
-            values[self._numbers] = self._shape * (wanted / self._developed_flux())
+            values[self._numbers] = self._shape * (wanted / self._size(self._flux))
             return
         sign = -self._factor if self.outwards else self._factor
         waves = sign * self._wave(self._time)
         values[self._numbers] = waves
         left = wanted + self.outflow()
-        values[self._numbers] += self._shape * (left / self._developed_flux())
-
-    def _developed_flux(self) -> float:
-        return float(abs(ng.Integrate(self._flux, self.domain.mesh)))
+        values[self._numbers] += self._shape * (left / self._size(self._flux))
 
     def flow_scale(self) -> float:
         """Return the size of the present flow."""
-        return abs(self.value.Get())
+        return float(abs(self.value.Get()))
 
     def sentence(self) -> str:
         """Return what acts now."""
@@ -194,16 +199,15 @@ class Traction(Opening):
         self._reference = setup.references[self.vessel.name].value
         if self.outwards:  # at an inlet blood is meant to enter with its energy
             self._back = self._profile()
-            area = self.domain.area(self.opening)
-            place = setup.unknowns.place(VELOCITY)
-            normal = ng.specialcf.normal(self.domain.mesh.dim)
-            flux = ng.InnerProduct(self._back.components[place], normal) * self.domain.ds(self.opening)
-            self._back.vec.data *= area / abs(float(ng.Integrate(flux, self.domain.mesh)))
-            self._area = area
+            self._back_flux = self._inflow_of(self._back)
 
     def pressure(self) -> Any:
         """Return the pressure beyond the reference of the vessel (Pa), as a function of the unknowns."""
         return self.value - self._reference
+
+    def given_pressure(self) -> float:
+        """Return the present pressure at the opening (Pa)."""
+        return float(self.value.Get())
 
     def integrals(self, elements: ng.BitArray | None) -> list[Integral]:
         """Return the virtual work of the traction, over the boundaries of the elements there.
@@ -212,8 +216,16 @@ class Traction(Opening):
         """
         setup = self._setup
         fields = setup.fields(setup.trial)
-        traction = self._traction(fields, Kinematics(fields.grad_motion), setup.test[MOTION])
-        return [through(setup.domain, self.lumen, self.opening, traction, elements)]
+        k, v = Kinematics(fields.grad_motion), setup.test[MOTION]
+        work = self._traction(fields, k, v)
+        found = [through(setup.domain, self.lumen, self.opening, work, elements)]
+        if self._back is not None:
+            entering = self._entering * self._back.components[setup.unknowns.place(VELOCITY)]
+            normal, difference = ng.specialcf.normal(setup.domain.mesh.dim), fields.velocity - entering
+            work = terms.backflow(setup.blood_density, k, difference, fields.relative, normal, v)
+            # one order more, for the product of three velocities: 4e-4 of the force become 1e-7
+            found.append(through(setup.domain, self.lumen, self.opening, work, elements, bonus=1))
+        return found
 
     def blood_integrals(self, elements: ng.BitArray | None) -> list[Integral]:
         """Return the virtual work of the traction, which acts on the blood."""
@@ -223,21 +235,16 @@ class Traction(Opening):
         setup, normal = self._setup, ng.specialcf.normal(self.domain.mesh.dim)
         assert setup.fluid is not None
         if self._developed:
-            traction = terms.opening(setup.fluid, self.pressure(), k, f.grad_velocity, normal, v)
-        else:
-            traction = terms.follower_pressure(self.pressure(), k, normal, v)
-        if self._back is None:
-            return traction
-        entering = self._entering * self._back.components[setup.unknowns.place(VELOCITY)]
-        return traction + terms.backflow(setup.blood_density, k, f.velocity - entering, f.relative, normal, v)
+            return terms.opening(setup.fluid, self.pressure(), k, f.grad_velocity, normal, v)
+        return terms.follower_pressure(self.pressure(), k, normal, v)
 
     def prescribe(self, _values: Vector) -> None:
-        """Take the mean velocity with which blood comes back through an outlet."""
+        """Take the flow with which blood comes back through an outlet."""
         if self._back is not None:
-            self._entering.Set(max(0.0, -self.outflow()) / self._area)
+            self._entering.Set(max(0.0, -self.outflow()) / self._size(self._back_flux))
 
     def state_arrays(self) -> dict[str, Vector]:
-        """Return the present value, and the velocity with which blood comes back."""
+        """Return the present value, and the factor on the profile with which blood comes back."""
         return {"value": np.array([self.value.Get(), self._entering.Get()])}
 
     def restore_state(self, arrays: Mapping[str, Vector]) -> None:
@@ -264,6 +271,10 @@ class ResistiveTraction(Traction):
         super().__init__(domain, opening, vessel, curve)
         self.resistance = resistance
         self.unknown = f"{opening}_pressure"
+
+    def given_pressure(self) -> float:
+        """Return the present pressure at the opening (Pa)."""
+        return super().given_pressure() + float(self._setup.state[self.unknown].vec[0])
 
     def own_unknowns(self) -> dict[str, float]:
         """Return the pressure beyond p0."""
@@ -292,14 +303,17 @@ class ResistiveTraction(Traction):
         return [Integral([balance], self.domain.ds(self.opening, bonus_intorder=2 * setup.order))]
 
 
-def through(domain: Domain, lumen: str, boundary: str, integrand: Any, elements: ng.BitArray | None) -> Integral:
+def through(
+    domain: Domain, lumen: str, boundary: str, integrand: Any, elements: ng.BitArray | None, bonus: int = 0
+) -> Integral:
     """Return an integrand, which may hold the whole gradient, on a boundary of the blood, the normal pointing out."""
     face = GridFunction(ng.FacetFESpace(domain.mesh, order=0))
     face.Set(1, definedon=domain.boundaries(boundary))
     near = elements_at(domain, lumen, boundary)
     if elements is not None:
         near &= elements
-    return Integral([face * integrand], domain.dx(lumen, element_boundary=True, definedonelements=near))
+    measure = domain.dx(lumen, element_boundary=True, definedonelements=near, bonus_intorder=bonus)
+    return Integral([face * integrand], measure)
 
 
 class FlowOpening(OpeningModel):

@@ -131,13 +131,14 @@ class BloodReference(WithValue):
     def _work(self, pressure: Any, m: Any, v: Any) -> list[Integral]:
         if not self._acts:
             return []
-        domain, lumen, interface = self._domain, str(self.vessel.lumen), self.vessel.interface
-        if domain.mesh.dim == 2:  # in the plane the normal is outward only as the elements' own
+        domain, lumen = self._domain, self.vessel.lumen
+        if domain.mesh.dim == 2:
             work = -terms.follower_pressure(pressure, Kinematics(ng.Grad(m)), ng.specialcf.normal(2), v)
-            return [through(domain, lumen, interface, work, None)]
+            assert lumen is not None  # it acts
+            return [through(domain, lumen, self.vessel.interface, work, None)]
         k, out_of_blood = Kinematics(ng.Grad(m).Trace()), domain.outward_normal(lumen)
         work = -terms.follower_pressure(pressure, k, out_of_blood, v.Trace())
-        return [Integral([work], domain.ds(interface))]
+        return [Integral([work], domain.ds(self.vessel.interface))]
 
     def pressure_scale(self) -> float:
         """Return the pressure, where it loads solids."""

@@ -40,17 +40,18 @@ def womersley(domain: Domain, opening: str, order: int, parameter: float) -> ng.
 
 def _on_face(domain: Domain, opening: str, order: int, load: float, mass: complex) -> ng.GridFunction:
     """Solve -laplace u + mass u = load on an opening's face, zero on its rim."""
-    face = domain.boundaries(opening)
-    space = ng.H1(domain.mesh, order=order, definedon=face, complex=bool(mass))
+    face, lumens = domain.boundaries(opening), domain.materials(*domain.lumens)
+    # a space of the face alone has no functions on other boundaries, from which to tell its rim
+    space = ng.H1(domain.mesh, order=order, definedon=lumens, complex=bool(mass))
     trial, test = space.TnT()
-    over = domain.ds(opening)
+    over = domain.ds(opening, bonus_intorder=2 * order)
     form = ng.BilinearForm(space, check_unused=False)
-    form += (ng.InnerProduct(ng.Grad(trial).Trace(), ng.Grad(test).Trace()) + mass * trial * test) * over
+    form += (ng.Grad(trial).Trace() * ng.Grad(test).Trace() + mass * trial * test) * over
     right = ng.LinearForm(space)
     right += load * test * over
     form.Assemble()
     right.Assemble()
-    inside = space.GetDofs(face) & ~rim(domain, opening, space)
+    inside = space.GetDofs(domain.boundaries(opening)) & ~rim(domain, opening, space)
     found = ng.GridFunction(space)
     inverse = "umfpack" if mass else "sparsecholesky"
     found.vec.data = form.mat.Inverse(inside, inverse=inverse) * right.vec
