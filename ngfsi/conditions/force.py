@@ -16,17 +16,19 @@ class BodyForce(WithValue):
     """A force per volume of the reference shape (N/m3) on regions: a vector field times a function of time."""
 
     def __init__(
-        self, force: Any, *regions: str, curve: Callable[[float], float] = lambda _: 1.0, **options: Any
-    ) -> None:
+        self, force: Any, *regions: str, curve: Callable[[float], float] = lambda _: 1.0, name: str = "body force",
+        **options: Any,
+    ) -> None:  # fmt: skip
         """Prepare.
 
         Args:
             force: vector field (N/m3).
             regions: on which it acts; none: all.
             curve: factor over time (s).
+            name: distinguishes it from other forces.
             options: of the measure, e.g. `bonus_intorder`.
         """
-        super().__init__("body force", curve)
+        super().__init__(name, curve)
         self.force, self._regions, self._options = force, regions, options
 
     def attach(self, setup: Setup) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 import ngsolve as ng
@@ -119,7 +119,30 @@ def _axis(normal: Vector) -> str | None:
     return AXES[axis] if abs(abs(normal[axis]) - 1) < ALIGNED else None
 
 
-class SkinMotion(Condition):
+class Prescribed(Condition):
+    """Unknowns with values of its own: `attach` sets their `_numbers`, and `update` their `_values`."""
+
+    _numbers: Numbers
+    _values: Vector
+
+    def prescribed(self) -> Numbers:
+        """Return the numbers of the unknowns."""
+        return np.asarray(self._numbers)
+
+    def prescribe(self, values: Vector) -> None:
+        """Write their values."""
+        values[self._numbers] = self._values
+
+    def state_arrays(self) -> dict[str, Vector]:
+        """Return the present values."""
+        return {"values": self._values.copy()}
+
+    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
+        """Take these."""
+        self._values = np.array(arrays["values"])
+
+
+class SkinMotion(Prescribed):
     """The prescribed displacement of a plane section's skin."""
 
     name = "skin motion"
@@ -136,36 +159,23 @@ class SkinMotion(Condition):
         space = setup.unknowns.space.components[0]
         given = boundary_values(self._domain, "skin", setup.order, self._displacement)
         self._numbers = np.flatnonzero(list(space.GetDofs(self._domain.boundaries("skin"))))
-        self._given = given[self._numbers]
-
-    def prescribed(self) -> Numbers:
-        """Return the unknowns on the skin."""
-        return np.asarray(self._numbers)
-
-    def prescribe(self, values: Vector) -> None:
-        """Write the displacement."""
-        values[self._numbers] = self._factor * self._given
+        self._given = self._values = given[self._numbers]
 
     def update(self, _t: float, load_factor: float = 1.0) -> None:
         """Take a fraction of the displacement."""
-        self._factor = load_factor
+        self._factor, self._values = load_factor, load_factor * self._given
 
     def sentence(self) -> str:
         """Return what acts now."""
         return f"{self._factor:.0%} of the skin's displacement"
 
 
-class GivenVelocity(Condition):
+class GivenVelocity(Prescribed):
     """The velocity of the blood relative to the mesh on an opening, as a function of time and place."""
 
-    def __init__(self, opening: str, velocity: Callable[[float], Any], scale: float = 0.0) -> None:
-        """Prepare.
-
-        Args:
-            velocity: takes the time (s) and returns a vector field (m/s).
-            scale: a flow (m3/s) by which changes of the velocity are judged.
-        """
-        self.name, self._velocity, self._scale, self._time = opening, velocity, scale, 0.0
+    def __init__(self, opening: str, velocity: Callable[[float], Any]) -> None:
+        """Prepare; `velocity`: takes the time (s) and returns a vector field (m/s) of the reference shape."""
+        self.name, self._velocity = opening, velocity
 
     def velocity_on(self) -> tuple[str, ...]:
         """Return the opening."""
@@ -173,60 +183,44 @@ class GivenVelocity(Condition):
 
     def attach(self, setup: Setup) -> None:
         """Take what it acts on."""
-        self._setup = setup
-        self._numbers = setup.unknowns.on_opening[self.name]
+        self._domain, self._numbers = setup.domain, setup.unknowns.on_opening[self.name]
         self._field = GridFunction(setup.unknowns.space)
+        self._on_opening = self._field.components[setup.unknowns.place(VELOCITY)]
         self._values = np.zeros(len(self._numbers))
 
-    def prescribed(self) -> Numbers:
-        """Return the unknowns of the velocity on the opening."""
-        return np.asarray(self._numbers)
-
     def update(self, t: float, load_factor: float = 1.0) -> None:
-        """Take the velocity of time t (s)."""
-        place, region = self._setup.unknowns.place(VELOCITY), self._setup.domain.boundaries(self.name)
-        self._field.components[place].Set(self._velocity(t), definedon=region, bonus_intorder=4)
-        self._values = load_factor * np.array(self._field.vec.FV().NumPy()[self._numbers])
+        """Take the velocity of time t (s), or a fraction of it."""
+        region = self._domain.boundaries(self.name)
+        self._on_opening.Set(load_factor * self._velocity(t), definedon=region, bonus_intorder=4)
+        self._values = np.array(self._field.vec.FV().NumPy()[self._numbers])
 
-    def prescribe(self, values: Vector) -> None:
-        """Write the velocity."""
-        values[self._numbers] = self._values
+    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
+        """Take values, which the field on the opening has as well."""
+        super().restore_state(arrays)
+        self._field.vec.FV().NumPy()[self._numbers] = self._values
 
     def flow_scale(self) -> float:
-        """Return the scale."""
-        return self._scale
+        """Return the integral of the velocity's size over the opening (m3/s)."""
+        size = ng.Norm(self._on_opening) * self._domain.ds(self.name, bonus_intorder=4)
+        return float(ng.Integrate(size, self._domain.mesh))
 
 
-class GivenMeshMotion(Condition):
-    """The motion of the mesh inside of the blood: unknowns of the block e over time."""
+class GivenMeshMotion(Prescribed):
+    """The displacement of the mesh inside of the blood (the unknowns e), as a function of time and place."""
 
     name = "mesh motion"
 
-    def __init__(self, motion: Callable[[float, Sequence[int]], Vector]) -> None:
-        """Prepare; `motion`: takes the time (s) and the numbers of the unknowns, returns their values (m)."""
+    def __init__(self, motion: Callable[[float], Any]) -> None:
+        """Prepare; `motion`: takes the time (s) and returns a vector field (m) of the reference shape."""
         self._motion = motion
 
     def attach(self, setup: Setup) -> None:
         """Take what it acts on."""
         self._numbers = setup.unknowns.blocks["e"]
+        self._field = GridFunction(setup.unknowns.space.components[0])
         self._values = np.zeros(len(self._numbers))
 
-    def prescribed(self) -> Numbers:
-        """Return the unknowns of the mesh inside of the blood."""
-        return np.asarray(self._numbers)
-
     def update(self, t: float, load_factor: float = 1.0) -> None:
-        """Take the motion of time t (s)."""
-        self._values = load_factor * self._motion(t, self._numbers)
-
-    def prescribe(self, values: Vector) -> None:
-        """Write the motion."""
-        values[self._numbers] = self._values
-
-    def state_arrays(self) -> dict[str, Vector]:
-        """Return the present values."""
-        return {"values": self._values}
-
-    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
-        """Take these."""
-        self._values = np.array(arrays["values"])
+        """Take the motion of time t (s), or a fraction of it."""
+        self._field.Set(load_factor * self._motion(t))
+        self._values = np.array(self._field.vec.FV().NumPy()[self._numbers])

@@ -8,6 +8,7 @@ from ngfsi.case import Materials
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import Newtonian
 from ngfsi.measure.force import Force
+from ngfsi.physics.fields import PRESSURE
 from ngfsi.solve.initial import steady_flow
 from ngfsi.system.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Values
@@ -29,7 +30,8 @@ def coefficient(speed: float) -> float:
 def pressure_difference(system: System) -> float:
     """Return the pressure (Pa) in front of the cylinder less that behind it."""
     reach, y = CHANNEL.cylinder_radius + BESIDE, CHANNEL.cylinder_y
-    front, back = (system.domain.value(system.state.components[2], CHANNEL.cylinder_x + s * reach, y) for s in (-1, 1))
+    pressure = system.named(system.state)[PRESSURE]
+    front, back = (system.domain.value(pressure, CHANNEL.cylinder_x + s * reach, y) for s in (-1, 1))
     return float(front - back)
 
 

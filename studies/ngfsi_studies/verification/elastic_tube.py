@@ -58,12 +58,11 @@ def run(setting: Setting) -> Array:
     case = case_of(geometry, 0.0, Materials(wall=SOLID, fluid=FLUID), **changes)
     system, _ = at_rest(case)
     newton = Newton(system, choose_backend("auto"))
-    field = system.state.components[0]
     # on the interface, a hair inside of the wall
     points = system.domain.on_straight_mesh(np.array([(RADIUS * (1 + 1e-6), 0.0, s * LENGTH) for s in STATIONS]))
     rows = [np.zeros(1 + 2 * len(STATIONS))]
     for step in TimeLoop(case, system, newton).run():
-        moved = np.array(field(system.domain.mesh(*points.T)))
+        moved = np.array(system.motion(system.domain.mesh(*points.T)))
         rows.append(np.concatenate([[step.time], moved[:, [0, 2]].ravel()]))
     return np.array(rows)
 

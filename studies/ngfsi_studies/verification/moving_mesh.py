@@ -10,17 +10,18 @@ import numpy as np
 from ngfsi_geometry.channel import PlaneMesh, StraightChannel
 from numpy.typing import NDArray
 
-from ngfsi.case import Case, Materials, TimeStepping
+from ngfsi.case import Materials, TimeStepping
+from ngfsi.conditions import GivenMeshMotion, GivenVelocity
 from ngfsi.linear.backends import choose_backend
 from ngfsi.measure.deformation import Deformation
-from ngfsi.mesh.domain import Domain
+from ngfsi.physics.fields import MOTION, VELOCITY
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import History, TimeLoop
 from ngfsi.system.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Values
-from ngfsi_studies.verification.plane import case_of
-from ngfsi_studies.verification.shear_waves import FLUID, INNER, KF, OMEGA, PERIOD, SOME_FLOW, swinging
+from ngfsi_studies.verification.plane import at_rest, case_of
+from ngfsi_studies.verification.shear_waves import FLUID, INNER, KF, OMEGA, PERIOD, swinging
 from ngfsi_studies.verification.tube import relative_error
 
 Array = NDArray[np.float64]
@@ -41,49 +42,26 @@ def velocity(t: float, y: Any) -> Any:
     return wave + MEAN_GRADIENT / (2 * FLUID.viscosity) * (INNER**2 - y**2)
 
 
-class Shaken(System):
-    """The coupled system with the exact profile at the inlet and a prescribed motion of the mesh between the walls."""
+def motion(t: float, amplitude: float, rate: int = 0) -> Any:
+    """Return the motion of the mesh (m) between the walls, or its rate."""
+    phase = 2 * np.pi * SHAKES / PERIOD
+    factor = phase * np.sin(phase * t) / 2 if rate else (1 - np.cos(phase * t)) / 2
+    bump = ng.sin(np.pi * ng.x / LENGTH) * ng.cos(np.pi * ng.y / (2 * INNER))
+    return amplitude * float(factor) * bump * ng.CF((ng.sin(2 * np.pi * ng.x / LENGTH) + 0.5, 0.8))
 
-    def __init__(self, case: Case, domain: Domain, amplitude: float) -> None:
-        super().__init__(case, domain)
-        bump = ng.sin(np.pi * ng.x / LENGTH) * ng.cos(np.pi * ng.y / (2 * INNER))
-        field = ng.GridFunction(self.unknowns.space)
-        field.components[0].Set(amplitude * bump * ng.CF((ng.sin(2 * np.pi * ng.x / LENGTH) + 0.5, 0.8)))
-        self.shape = np.array(field.vec.FV().NumPy())[self.unknowns.blocks["e"]]
 
-    def place(self) -> Any:
-        """Return the position across the channel of each point of the mesh."""
-        return ng.y + self.state.components[0][1]
-
-    def mesh(self, t: float, rate: int = 0) -> Array:
-        """Return a vector of unknowns with the motion of the mesh, or its rate."""
-        phase, values = 2 * np.pi * SHAKES / PERIOD, np.zeros(self.unknowns.size)
-        share = phase * np.sin(phase * t) / 2 if rate else (1 - np.cos(phase * t)) / 2
-        values[self.unknowns.blocks["e"]] = self.shape * share
-        return values
-
-    def exact_state(self, t: float) -> Array:
-        """Return the unknowns of mesh and velocity of the exact solution."""
-        self.values[:] = self.mesh(t)
-        rate, field = ng.GridFunction(self.unknowns.space), ng.GridFunction(self.unknowns.space)
-        rate.vec.FV().NumPy()[:] = self.mesh(t, 1)
-        relative = ng.CF((velocity(t, self.place()), 0)) - rate.components[0]
-        field.components[1].Set(relative, definedon=self.domain.materials("fluid"), bonus_intorder=4)
-        exact: Array = self.values + np.array(field.vec.FV().NumPy())
-        return exact
-
-    def set_loads(self, t: float) -> None:
-        """Take inflow and mesh of time t (s)."""
-        super().set_loads(t)
-        inflow, profile = ng.GridFunction(self.unknowns.space), ng.CF((velocity(t, ng.y), 0))
-        inflow.components[1].Set(profile, definedon=self.domain.boundaries("inlet"), bonus_intorder=4)
-        inlet, inside = self.unknowns.inlet, self.unknowns.blocks["e"]
-        self._prescribed = (inlet, np.array(inflow.vec.FV().NumPy()[inlet])), (inside, self.mesh(t)[inside])
-
-    def apply_inflow(self) -> None:
-        """Prescribe profile and mesh."""
-        for where, values in self._prescribed:
-            self.values[where] = values
+def exact_state(system: System, t: float, amplitude: float) -> tuple[Array, Array]:
+    """Return the unknowns of mesh and velocity of the exact solution, and the rate of the mesh."""
+    state, rate = (ng.GridFunction(system.unknowns.space) for _ in range(2))
+    inside = system.unknowns.blocks["e"]
+    for order, field in enumerate((state, rate)):
+        field.components[0].Set(motion(t, amplitude, order))
+        outside = np.delete(np.arange(system.unknowns.size), inside)
+        field.vec.FV().NumPy()[outside] = 0.0
+    parts = system.named(state)
+    relative = ng.CF((velocity(t, ng.y + parts[MOTION][1]), 0)) - rate.components[0]
+    parts[VELOCITY].Set(relative, definedon=system.domain.materials("fluid"), bonus_intorder=4)
+    return np.array(state.vec.FV().NumPy()), np.array(rate.vec.FV().NumPy())
 
 
 def compute(setting: Setting) -> Values:
@@ -92,18 +70,22 @@ def compute(setting: Setting) -> Values:
     mesh = PlaneMesh(far_size=setting["size"] * 4e-3, curving_order=order)
     geometry = StraightChannel(length=LENGTH, height=2 * INNER, mesh=mesh)
     changes = {"time": TimeStepping(step=step, end=PERIOD, scheme="bdf2")}
-    found = Shaken(
-        case_of(geometry, SOME_FLOW, Materials(fluid=FLUID), **changes), Domain.build(geometry), setting["amplitude"]
+    amplitude = setting["amplitude"]
+    found, domain = at_rest(
+        case_of(geometry, 0.0, Materials(fluid=FLUID), **changes),
+        GivenVelocity("inlet", lambda t: ng.CF((velocity(t, ng.y), 0))),
+        GivenMeshMotion(lambda t: motion(t, amplitude)),
     )
-    history = History([0.0, -step], [found.exact_state(t) for t in (0.0, -step)],
-                      [found.mesh(t, 1) for t in (0.0, -step)], smooth=1)  # fmt: skip
+    times = [0.0, -step]
+    states, rates = map(list, zip(*(exact_state(found, t, amplitude) for t in times), strict=True))
+    history = History(times, states, rates, smooth=1)
     loop = TimeLoop(found.case, found, Newton(found, choose_backend("auto"), "w", "p"), history=history)
-    J = Kinematics(found.fields(found.state.components).grad_motion).J
-    u, deformation = found.fields(found.state.components).velocity, Deformation(found)
+    fields, deformation = found.fields(), Deformation(found)
+    J = Kinematics(fields.grad_motion).J
     errors, ratios = [], []
     for at in loop.run():
-        exact = ng.CF((velocity(at.time, found.place()), 0))
-        errors.append(relative_error(u, exact, found.domain, "fluid", weight=J))
+        exact = ng.CF((velocity(at.time, ng.y + found.motion[1]), 0))
+        errors.append(relative_error(fields.velocity, exact, domain, "fluid", weight=J))
         ratios.append(deformation.smallest_jacobian("fluid"))
     return {"velocity, L2 error": float(max(errors)), "smallest volume ratio of the mesh": min(ratios)}
 

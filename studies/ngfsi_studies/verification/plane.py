@@ -9,7 +9,6 @@ from time import monotonic
 from typing import Any
 
 import ngfsi_geometry
-import ngsolve as ng
 import numpy as np
 from ngfsi_geometry.channel import PlaneSection
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 import ngfsi
 import ngfsi_studies
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
+from ngfsi.conditions import Condition
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.measure.deformation import Deformation
 from ngfsi.mesh.domain import Domain
@@ -83,26 +83,18 @@ def march(system: System, newton: Newton, measure: Callable[[], Array]) -> Array
 
 
 def _fingerprint(system: System) -> str:
-    """Return a name for a computation: another case, system or program has another one."""
-    found = sha256(f"{type(system).__qualname__} {system.case!r}".encode())
+    """Return a name for a computation: another case, other conditions or another program has another one."""
+    found = sha256(f"{list(system.conditions)} {system.case!r}".encode())
     for package in (ngfsi, ngfsi_geometry, ngfsi_studies):
         for path in sorted(Path(package.__path__[0]).rglob("*.py")):
             found.update(path.read_bytes())
     return found.hexdigest()[:32]
 
 
-def body_force(system: System, force: Any) -> ng.Parameter:
-    """Load all of a system with a force (vector, N/m3) per reference volume; return the share of it that acts."""
-    share = ng.Parameter(1.0)
-    test = system.unknowns.space.TestFunction()[0]
-    system.form += -share * (force * test) * system.domain.dx(*system.domain.regions)
-    return share
-
-
-def at_rest(case: Case) -> tuple[System, Domain]:
-    """Return the system of a case with all rates zero and the loads of t = 0."""
+def at_rest(case: Case, *more: Condition) -> tuple[System, Domain]:
+    """Return the system of a case, under further conditions, with all rates zero and what acts at t = 0."""
     domain = Domain.build(case.geometry)
-    system = System(case, domain)
+    system = System(case, domain, more=more)
     system.set_steady()
-    system.set_loads(0.0)
+    system.update(0.0)
     return system, domain

@@ -9,6 +9,7 @@ from ngfsi.config.functions import FlowConstant
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.wall import Wall
+from ngfsi.physics.fields import VELOCITY
 from ngfsi.solve.initial import steady_flow
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 from ngfsi_studies.verification.tube import BLOOD, relative_error, round_tube, system
@@ -33,7 +34,7 @@ def compute(setting: Setting) -> Values:
     steady_flow(found, choose_backend("auto"))
 
     domain = found.domain
-    _, velocity, pressure = found.state.components
+    velocity, pressure = found.named(found.state)[VELOCITY], found.blood_pressure()
     parabola = ng.CF((0, 0, 2 * FLOW / (np.pi * RADIUS**2) * (1 - (ng.x**2 + ng.y**2) / RADIUS**2)))
     inlet = ng.Integrate(pressure * domain.ds("inlet"), domain.mesh) / domain.area("inlet")
     wall = Wall(found)

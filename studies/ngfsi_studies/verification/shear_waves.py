@@ -12,15 +12,17 @@ from ngfsi_geometry.channel import ElasticChannel, PlaneMesh
 from numpy.typing import NDArray
 from scipy.special import jv, yv
 
-from ngfsi.case import Case, Materials, TimeStepping
+from ngfsi.case import Materials, TimeStepping
+from ngfsi.conditions import BodyForce, Condition, GivenVelocity
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean, Newtonian
 from ngfsi.mesh.domain import Domain
+from ngfsi.physics.fields import MOTION, VELOCITY
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import History, TimeLoop
 from ngfsi.system.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Values
-from ngfsi_studies.verification.plane import body_force, case_of
+from ngfsi_studies.verification.plane import case_of
 from ngfsi_studies.verification.polynomial import evaluated, interpolated
 from ngfsi_studies.verification.tube import relative_error, sheath
 
@@ -36,8 +38,6 @@ SOLID = CompressibleNeoHookean(young=260.0, poisson=0.3, density=1100.0)
 """So soft that the walls swing as widely as the fluid."""
 GRADIENT, MEAN_GRADIENT = 10.0, 30.0
 """Amplitude and mean of the pressure gradient (Pa/m): the flow never turns back, when the outlet would brake it."""
-SOME_FLOW = 1e-9
-"""Inflow (m3/s) by which changes of velocity are judged; the exact profile is what enters."""
 KF = np.sqrt(-1j * OMEGA * FLUID.density / FLUID.viscosity)
 KS = OMEGA * np.sqrt(SOLID.density / SOLID.shear_modulus)
 
@@ -102,18 +102,22 @@ def pipe_wave() -> Wave:
     )
 
 
-class Driven(System):
-    """The coupled system with the exact profile at the inlet and the pressure gradient as a force on all of it.
+class Exact:
+    """The exact solution on a domain, and the conditions that drive it.
 
-    A pressure in the fluid alone would also press on the walls.
+    The exact profile enters, and the pressure gradient is a force on all of the domain: a pressure in the fluid alone
+    would also press on the walls.
     """
 
-    def __init__(self, case: Case, domain: Domain, wave: Wave) -> None:
+    def __init__(self, domain: Domain, wave: Wave) -> None:
         self.axial = 0 if domain.mesh.dim == 2 else 2
         self.across = ng.sqrt(ng.y**2) if domain.mesh.dim == 2 else ng.sqrt(ng.x**2 + ng.y**2 + 1e-30)
-        self.wave = wave
-        super().__init__(case, domain)
-        self.gradient = body_force(self, self.vector(1.0))
+        self.domain, self.wave = domain, wave
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return what drives it."""
+        force = BodyForce(self.vector(1.0), curve=lambda t: MEAN_GRADIENT + GRADIENT * float(np.cos(OMEGA * t)))
+        return GivenVelocity("inlet", self.relative), force
 
     def vector(self, axial: Any) -> Any:
         """Return the axial vector field."""
@@ -141,26 +145,15 @@ class Driven(System):
         """Return the exact velocity of the fluid relative to the mesh, which moves evenly with the interface."""
         return self.velocity(t) - self.vector(_real(1j * OMEGA * self.wave.displacement(INNER), t))
 
-    def exact_state(self, t: float, rate: int = 0) -> Array:
+    def state(self, system: System, t: float, rate: int = 0) -> Array:
         """Return the unknowns of the exact solution, or of its rate."""
-        field = ng.GridFunction(self.unknowns.space)
-        field.components[0].Set(self.displacement(t, rate), bonus_intorder=4)
+        field = ng.GridFunction(system.unknowns.space)
+        parts = system.named(field)
+        parts[MOTION].Set(self.displacement(t, rate), bonus_intorder=4)
         if rate == 0:
             fluid = self.domain.materials(self.domain.fluid)
-            field.components[1].Set(self.relative(t), definedon=fluid, bonus_intorder=4)
+            parts[VELOCITY].Set(self.relative(t), definedon=fluid, bonus_intorder=4)
         return np.array(field.vec.FV().NumPy())
-
-    def set_loads(self, t: float) -> None:
-        """Take the gradient and the inflow of time t (s)."""
-        super().set_loads(t)
-        self.gradient.Set(MEAN_GRADIENT + GRADIENT * float(np.cos(OMEGA * t)))
-        inflow = ng.GridFunction(self.unknowns.space)
-        inflow.components[1].Set(self.relative(t), definedon=self.domain.boundaries("inlet"), bonus_intorder=4)
-        self._inflow = np.array(inflow.vec.FV().NumPy()[self.unknowns.inlet])
-
-    def apply_inflow(self) -> None:
-        """Prescribe the profile."""
-        self.values[self.unknowns.inlet] = self._inflow
 
 
 def _real(amplitude: complex, t: float) -> float:
@@ -185,16 +178,18 @@ def compute(setting: Setting) -> Values:
         geometry = ElasticChannel(length=LENGTH, height=2 * INNER, wall_thickness=OUTER - INNER, mesh=mesh)
         materials = Materials(solid=SOLID, fluid=FLUID)
     time = TimeStepping(step=step, end=PERIOD, scheme=setting["scheme"])
-    case = case_of(geometry, SOME_FLOW, materials, **{"conditions.ends": "guided", "time": time})
-    found = Driven(case, Domain.build(geometry), pipe_wave() if pipe else channel_wave())
-    history = History([0.0, -step], [found.exact_state(t) for t in (0.0, -step)],
-                      [found.exact_state(t, 1) for t in (0.0, -step)], smooth=1)  # fmt: skip
-    fields, solids = found.fields(found.state.components), found.domain.geometry.solids
+    case = case_of(geometry, 0.0, materials, **{"conditions.ends": "guided", "time": time})
+    domain = Domain.build(geometry)
+    exact = Exact(domain, pipe_wave() if pipe else channel_wave())
+    found = System(case, domain, more=exact.conditions())
+    history = History([0.0, -step], [exact.state(found, t) for t in (0.0, -step)],
+                      [exact.state(found, t, 1) for t in (0.0, -step)], smooth=1)  # fmt: skip
+    fields = found.fields()
     errors = []
     for at in TimeLoop(case, found, Newton(found, choose_backend("auto")), history=history).run():
-        velocity, displacement = found.velocity(at.time), found.displacement(at.time)
-        errors.append((relative_error(fields.velocity, velocity, found.domain, "fluid"),
-                       relative_error(fields.motion, displacement, found.domain, *solids)))  # fmt: skip
+        velocity, displacement = exact.velocity(at.time), exact.displacement(at.time)
+        errors.append((relative_error(fields.velocity, velocity, domain, "fluid"),
+                       relative_error(fields.motion, displacement, domain, *geometry.solids)))  # fmt: skip
     of_fluid, of_solid = np.max(errors, axis=0)
     return {"velocity of the fluid, L2 error": float(of_fluid), "displacement of the solid, L2 error": float(of_solid)}
 

@@ -10,6 +10,7 @@ from ngfsi_geometry.segment import MeshSettings
 from ngfsi_geometry.tube import TubeSegment
 
 from ngfsi.case import Case, Discretisation, Loads, Materials, TimeStepping
+from ngfsi.conditions import Condition
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import Newtonian, SolidLaw
@@ -60,10 +61,14 @@ def sheath(inner: float, thickness: float, length: float, h: float, order: int) 
     )
 
 
-def system(geometry: TubeSegment, law: SolidLaw, wall: SolidLaw, inside: float, outside: float, **more: Any) -> System:
+def system(
+    geometry: TubeSegment, law: SolidLaw, wall: SolidLaw, inside: float, outside: float, *conditions: Condition,
+    **more: Any,
+) -> System:  # fmt: skip
     """Return the system of a tube under pressures (Pa) inside and outside, with the order of its curving.
 
     Args:
+        conditions: what acts beside.
         more: changes of the case.
     """
     case = Case(
@@ -78,7 +83,7 @@ def system(geometry: TubeSegment, law: SolidLaw, wall: SolidLaw, inside: float, 
         discretisation=Discretisation(order=geometry.curving_order),
         time=TimeStepping(step=0.1, end=0.1),
     ).replace(**more)
-    return System(case, Domain.build(geometry))
+    return System(case, Domain.build(geometry), more=conditions)
 
 
 def inner_radius_change(
@@ -109,7 +114,7 @@ def inner_radius_change(
     )
     found = system(geometry, laws[1], laws[0], inside, outside, **more)
     initial_state(found, Newton(found, choose_backend("auto")))
-    motion = Kinematics(found.fields(found.state.components).grad_motion)
+    motion = Kinematics(found.fields().grad_motion)
     volume = ng.Integrate(motion.J * found.domain.dx("fluid", bonus_intorder=8), found.domain.mesh)
     return float(inner * (np.sqrt(volume / found.domain.volume("fluid")) - 1))
 

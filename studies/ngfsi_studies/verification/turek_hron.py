@@ -78,7 +78,7 @@ def force_on_obstacle(system: System) -> Force:
 def tip_motion(system: System) -> Array:
     """Return the displacement (m) of the middle of the beam's end."""
     x, y = system.case.geometry.tip
-    return np.array(system.domain.value(system.state.components[0], x - TIP_INSET, y))
+    return np.array(system.domain.value(system.motion, x - TIP_INSET, y))
 
 
 def oscillations(rows: Array, *names: str) -> dict[str, float]:

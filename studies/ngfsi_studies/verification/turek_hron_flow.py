@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import ngsolve as ng
+from ngfsi_geometry.channel import BeamInChannel
 
-from ngfsi.case import Case
+from ngfsi.conditions import BodyForce
 from ngfsi.linear.backends import choose_backend
-from ngfsi.mesh.domain import Domain
 from ngfsi.solve.initial import steady_flow
 from ngfsi.solve.newton import Newton
-from ngfsi.system.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
-from ngfsi_studies.verification.plane import at_rest, body_force, march, refined
+from ngfsi_studies.verification.plane import at_rest, march, refined
 from ngfsi_studies.verification.turek_hron import (
     BEAM_IN_CHANNEL,
     RAMP,
@@ -29,27 +28,18 @@ KICK, KICK_SIZE, KICK_TIME = 2e4, 0.05, 0.2
 """Force (N/m3) that starts the vortices, half the dynamic pressure over the cylinder; where (m) and how long (s)."""
 
 
-class Kicked(System):
-    """The held beam, pushed sideways for a moment in the wake: vortices would else take long to start."""
-
-    def __init__(self, case: Case, domain: Domain) -> None:
-        super().__init__(case, domain)
-        x, y = case.geometry.tip
-        wake = ng.exp(-((ng.x - x - KICK_SIZE) ** 2 + (ng.y - y) ** 2) / KICK_SIZE**2)
-        self.kick = body_force(self, ng.CF((0, KICK * wake)))
-
-    def set_loads(self, t: float) -> None:
-        """Take the loads of time t (s)."""
-        super().set_loads(t)
-        self.kick.Set(1.0 if RAMP < t < RAMP + KICK_TIME else 0.0)
+def kick(geometry: BeamInChannel) -> BodyForce:
+    """Return a push sideways for a moment in the wake: vortices would else take long to start."""
+    x, y = geometry.tip
+    wake = ng.exp(-((ng.x - x - KICK_SIZE) ** 2 + (ng.y - y) ** 2) / KICK_SIZE**2)
+    return BodyForce(ng.CF((0, KICK * wake)), curve=lambda t: float(RAMP < t < RAMP + KICK_TIME), name="kick")
 
 
 def compute(setting: Setting) -> Values | tuple[Values, Signals]:
     """Return the force (N per metre of depth) on cylinder and beam."""
     name, geometry = setting["case"], refined(BEAM_IN_CHANNEL, setting["order"], setting["h"])
     if name == "CFD3":
-        case = rising_case(name, geometry, setting["step"], setting["end"])
-        shedding = Kicked(case, Domain.build(case.geometry))
+        shedding, _ = at_rest(rising_case(name, geometry, setting["step"], setting["end"]), kick(geometry))
         force = force_on_obstacle(shedding)
         rows = march(shedding, Newton(shedding, choose_backend("auto"), "w", "p"), force)
         return oscillations(rows, "drag", "lift"), Signals(("time_s", "drag_N", "lift_N"), rows)

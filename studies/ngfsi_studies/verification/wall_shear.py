@@ -9,6 +9,7 @@ from typing import Any, get_args
 import ngsolve as ng
 import numpy as np
 
+from ngfsi.conditions import BodyForce
 from ngfsi.config.functions import FlowConstant
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean
@@ -123,39 +124,16 @@ TUBES = {
 }
 
 
-class Driven(System):
-    """The coupled system with a force (N/m3 of the reference shape) on the blood, in proportion to its density."""
-
-    force: Any = ZERO
-
-    def fluid_form(self, at: str | None = None) -> ng.BilinearForm:
-        """Return the form of the fluid with its force."""
-        form = super().fluid_form(at)
-        self._drive(form)
-        return form
-
-    def drive(self, force: Any) -> None:
-        """Let the force act."""
-        self.force = force
-        self._drive(self.form)
-
-    def _drive(self, form: ng.BilinearForm) -> None:
-        test = self.unknowns.space.TestFunction()[0]
-        form += -(self.blood_density / BLOOD.density * (self.force * test)).Compile() * self.domain.dx(
-            "fluid", bonus_intorder=4
-        )
-
-
-def solved(setting: Setting) -> tuple[Driven, Tube]:
+def solved(setting: Setting) -> tuple[System, Tube]:
     """Return the system with the computed flow, and the exact one."""
     order = setting["order"]
     geometry = round_tube(RADIUS, LENGTH, setting["element"], setting["h"], order)
     flow = {"loads.inlet_flow": FlowConstant(value=FLOW), "conditions.ends": "clamped", "solver.tolerance": 1e-6}
-    plain, exact = system(geometry, SOLID, SOLID, OUTLET_PRESSURE, 0.0, **flow), TUBES[setting["tube"]]()
-    found = Driven(plain.case, plain.domain)
+    exact = TUBES[setting["tube"]]()
+    force = BodyForce(exact.force, "fluid", bonus_intorder=4)
+    found = system(geometry, SOLID, SOLID, OUTLET_PRESSURE, 0.0, force, **flow)
     found.set_steady()
-    found.set_loads(0.0)
-    found.drive(exact.force)
+    found.update(0.0)
     for field, values in (
         (found.state, exact.motion),
         (found.velocity_history, exact.motion_rate),
@@ -163,8 +141,9 @@ def solved(setting: Setting) -> tuple[Driven, Tube]:
     ):
         field.components[0].Set(values, bonus_intorder=4)
     newton = Newton(found, choose_backend("auto"), "w", "p")
-    for density in (0.0, BLOOD.density):  # creeping flow without a force is linear
-        found.blood_density.Set(density)
+    for load_factor in (0.0, 1.0):  # creeping flow without a force is linear
+        found.blood_density.Set(load_factor * BLOOD.density)
+        force.update(0.0, load_factor)
         newton.solve(found.case.solver.tolerance, NEWTON_STEPS)
     return found, exact
 
