@@ -139,7 +139,7 @@ def cases(level: Level) -> dict[str, Case]:
 
     `needed` is plane strain at small strain with all of the blood's pressure from the start.
     """
-    found = {}
+    found: dict[str, Case] = {}
     for number in level.subjects:
         geometry, lower = section(number, level), section(number, level._replace(order=level.order - 1))
         for model in MODELS:

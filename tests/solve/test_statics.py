@@ -11,13 +11,15 @@ from netgen.occ import Circle, Face, Glue, OCCGeometry, Pnt, Wire, Z
 from ngfsi_geometry.channel import PlaneMesh, PlaneSection
 from scipy.optimize import brentq
 
-from ngfsi.case import Case, Conditions, Materials
+from ngfsi.case import Case, Conditions, Materials, TimeStepping
+from ngfsi.config.functions import PressureRamp
 from ngfsi.errors import CaseError
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.plane import PlaneSectionProbe
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.outlines.outline import Outline
-from ngfsi.solve.statics import equilibrium, load_path, section_case
+from ngfsi.solve.statics import equilibrium, section_case
+from tests.runs import computed
 from tests.vein import domain_of
 
 LAW = CompressibleNeoHookean(young=12e3, poisson=0.4, density=1060.0)
@@ -145,11 +147,16 @@ def test_small_and_finite_strain_agree_for_small_loads_only() -> None:
     assert losses["finite", 4e3] < 0.9 * losses["small", 4e3]
 
 
-def test_load_path_ends_where_equilibrium_does() -> None:
+def test_a_run_ends_where_equilibrium_does() -> None:
+    """Loads that grow over three static steps give the state that they give at once."""
     case = case_of("tibia", skin=4e3)
-    domain = domain_of(case.geometry)
-    *_, last = load_path(case, (0.5, 1.0), domain)
-    assert last.values == pytest.approx(equilibrium(case, domain).values, rel=1e-6, abs=1e-12)
+    ramp = PressureRamp(final=4e3, duration=1.0)
+    time = TimeStepping(scheme="static", step=0.4, end=1.0)
+    followed = computed(case.replace(time=time, **{"loads.skin_pressure": ramp}))
+    at_once = equilibrium(case, domain_of(case.geometry))
+    assert [step.time for step in followed.steps] == pytest.approx([0.4, 0.8, 1.0])
+    assert followed.states[-1] == pytest.approx(at_once.values, rel=1e-6, abs=1e-12)
+    assert followed["skin_area_m2"][-1] == pytest.approx(PlaneSectionProbe(at_once).enclosed_area("skin"), rel=1e-9)
 
 
 def test_refusals() -> None:
