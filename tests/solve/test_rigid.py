@@ -87,7 +87,7 @@ def test_the_whole_coupled_system_says_the_same(tmp_path: Path) -> None:
 def test_flow_over_cycles(tmp_path: Path) -> None:
     """A slow flow to and fro, quasi-steady: OSI 1/2 but at its outlet, TAWSS that of Poiseuille times the mean |cos|;
     constant flow has an OSI of 0."""
-    geometry = vein(RADIUS, RADIUS, layers=1, around=8)
+    geometry = vein(RADIUS, RADIUS, layers=1)
     constant = run(case_of(geometry, FlowConstant(value=FLOW), TimeStepping(step=2.0, end=4.0)), tmp_path / "constant",
                    quiet=True).wall_history()  # fmt: skip
     assert constant.point_data["TAWSS_Pa"] == pytest.approx(POISEUILLE, rel=1e-2)
