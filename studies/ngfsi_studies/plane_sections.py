@@ -492,7 +492,9 @@ def _figures(folder: Path, findings: Sequence[Finding]) -> list[str]:
         "pressure": ("hydrostatic pressure [kPa]", 1e-3, lambda d: d["hydrostatic_pressure_Pa"], (0.0, 8.0)),
     }
     surfaces = {
-        f"{f.model}, {f.strain} strain": f.run.fields(f.path[-1][0]).extract_surface(nonlinear_subdivision=FINER, algorithm="dataset_surface")
+        f"{f.model}, {f.strain} strain": f.run.fields(f.path[-1][0]).extract_surface(
+            nonlinear_subdivision=FINER, algorithm="dataset_surface"
+        )
         for f in drawn
         if f.run
     }

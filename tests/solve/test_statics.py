@@ -18,7 +18,9 @@ from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.plane import PlaneSectionProbe
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.outlines.outline import Outline
+from ngfsi.run.observers import volume_fields
 from ngfsi.solve.statics import equilibrium, section_case
+from ngfsi.store.fields import STRESS
 from tests.runs import computed
 from tests.vein import domain_of
 
@@ -93,6 +95,9 @@ def test_ring_around_a_bone(plane_stress: tuple[str, ...]) -> None:
     across = 0.0 if plane_stress else 2 * lame * A
     pressure = PlaneSectionProbe(system).pressure_over("tibia", "tissue")
     assert pressure == pytest.approx(-(in_plane + across) / 3, rel=2e-3)
+    stress = volume_fields(system)[STRESS](system.domain.mesh(12e-3, 5e-3))
+    assert stress[0] + stress[4] == pytest.approx(in_plane, rel=2e-3)
+    assert stress[8] == pytest.approx(across, rel=2e-3, abs=1e-3 * p)
 
 
 def test_pressure_in_a_lumen_widens_it() -> None:
