@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import pyvista
 from ngfsi_studies import calibration, plane_sections, rigid_veins
 from ngfsi_studies.plane_sections import Finding, Level
 
@@ -108,6 +111,52 @@ def test_pressure_that_closes_a_vein(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not last.reached
     assert 1000 < last.pressure < 2000
     assert last.vein == pytest.approx(5e-4 * last.pressure, rel=1e-12)
+
+
+def test_pressure_needed_lies_on_the_curve_of_areas() -> None:
+    """Displacements in proportion to the load: a circle's area is quadratic in it, also beyond the loads of the run."""
+    skin, lumen = np.array([0.0, 2e3, 4e3]), 5e-5
+
+    def areas(pressure: Any) -> Any:
+        return lumen * (1.02 - 1e-4 * pressure) ** 2
+
+    run: Any = SimpleNamespace(series={"skin_pressure_Pa": skin, "lumen_area_m2": areas(skin)})
+    for pressure in (1e3, 9e3):
+        wanted = 1 - areas(pressure) / lumen
+        assert plane_sections.pressure_needed(run, wanted, lumen) == pytest.approx(pressure, rel=1e-9)
+    assert np.isnan(plane_sections.pressure_needed(run, 1.5, lumen))
+
+
+def test_cycles_are_compared_at_equal_times_within_them() -> None:
+    """Steps that were halved in one cycle change nothing, and the inlet before z = 0 does not count for the means."""
+    period, step = 4.0, 0.5
+    times = np.unique(np.r_[np.arange(0, 12.5, step), np.arange(4.25, 8, step)])
+    points = [[x, 0, z] for z in (-1e-2, 0.0, rigid_veins.LENGTH) for x in (0, 1e-3)]
+    quads = np.array([4, 0, 1, 3, 2, 4, 2, 3, 5, 4])
+
+    def shear(time: Any) -> Any:
+        return (2 + np.sin(2 * np.pi * time / period)) * (1 + 0.1 * 0.5 ** (time / period))
+
+    def fields(time: float, _which: str) -> Any:
+        grid = pyvista.UnstructuredGrid(quads, np.full(2, pyvista.CellType.QUAD), np.array(points))
+        size = shear(time) * np.where(grid.points[:, 2] < 0, 9.0, 1.0)
+        for name, values in (("axial", size), ("circumferential", 0 * size), ("magnitude", size)):
+            grid.point_data[f"wall_shear_{name}_Pa"] = values
+        return grid
+
+    case = SimpleNamespace(
+        loads=SimpleNamespace(inlet_flow=SimpleNamespace(times=(0.0, period))), time=SimpleNamespace(step=step)
+    )
+    run: Any = SimpleNamespace(
+        case=case, fields=fields, field_times=lambda _: list(times), wall_history=lambda start: fields(start, "wall")
+    )
+    cycles = rigid_veins.over_cycles(run)
+    rows = [shear(k * period + np.arange(0, period + step, step)) for k in range(3)]
+    exact = [np.abs(after - before).mean() / after.mean() for before, after in pairwise(rows)]
+    assert cycles.changes == pytest.approx(exact, rel=1e-9)
+    assert cycles.times == pytest.approx(np.arange(0, 4.5, step))
+    assert cycles.mean_shear == pytest.approx([shear(8 + t) for t in cycles.times], rel=1e-6)
+    assert rigid_veins.mean_over(cycles.wall, rigid_veins.SHEAR) == pytest.approx(shear(8.0), rel=1e-6)
 
 
 def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

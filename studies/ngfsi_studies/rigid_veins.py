@@ -192,7 +192,7 @@ def find(subject: int, state: str, outcome: Outcome) -> Finding:
 
 def between(wall: Any, low: float = 0.0, high: float = LENGTH) -> Any:
     """Return the part of a wall between two heights (m); by default the segment, without the inlet."""
-    return wall.clip("z", (0, 0, high)).clip("z", (0, 0, low), invert=False)
+    return wall.clip("z", origin=(0, 0, high)).clip("z", origin=(0, 0, low), invert=False)
 
 
 def mean_over(wall: Any, name: str) -> float:
