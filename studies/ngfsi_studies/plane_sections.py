@@ -61,6 +61,7 @@ SHARES = {"small": (0.5, 1.0), "finite": (0.25, 0.5, 0.625, 0.75, 0.875, 1.0)}
 """Fractions of the loads on the way, which are also the times (s) of a run under ramps; at finite strain the vein
 becomes soft on it."""
 SMALLEST_STEP = 1 / 64
+"""Seconds, and fraction of the loads: where smaller steps fail, too, the equilibrium is taken to end."""
 RING, FINER = 200, 2
 """For pictures: points of an outline, and how often a curved triangle is halved."""
 
