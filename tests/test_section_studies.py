@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+import pyvista
 from ngfsi_studies import calibration, plane_sections, rigid_veins
 from ngfsi_studies.plane_sections import Finding, Level
 
+from ngfsi.case import Case, TimeStepping
+from ngfsi.config.functions import PressureTable
 from ngfsi.errors import SolverError
-from ngfsi.measure.softest import softest_mode
-from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
-from ngfsi.solve.statics import load_path
+from ngfsi.run import run
+
+EXAMPLES = Path(__file__).parents[1] / "studies"
 
 
 def test_printed_discrepancies_recomputed() -> None:
@@ -61,28 +67,28 @@ def test_what_is_not_converged_is_marked() -> None:
     assert "\u2020 |" not in plane_sections._claims([replace(parted, coarse=path)])
 
 
-def test_softest_motion_scales_with_the_modulus_and_lies_at_the_vein() -> None:
+def test_softest_motion_scales_with_the_modulus_and_lies_at_the_vein(tmp_path: Path) -> None:
     """Moduli and loads a thousand times as large change nothing; under load the tissue at the vein grows soft."""
     geometry = plane_sections.section(1, Level(2, 1.8, (1,)))
-    domain = Domain.build(geometry)
-    case = plane_sections.case(geometry, "A", "finite")
-    factor = 1000.0
-    harder = case.replace(**{
-        f"{name}.{key}": factor * value
-        for name, key, value in (
-            ("materials.tissue", "young", case.materials.tissue.young),
-            ("materials.wall", "young", case.materials.wall.young),
-            ("loads.skin_pressure", "value", case.loads.skin_pressure.value),
-            ("loads.outlet_pressure", "value", case.loads.outlet_pressure.value),
-        )
-    })  # fmt: skip
-    modes = [[softest_mode(s) for s in load_path(c, (0.05, 0.6), domain)] for c in (case, harder)]
-    for one, other in zip(*modes, strict=True):
-        assert one.stiffness == pytest.approx(other.stiffness, rel=1e-6)
-    assert 0 < modes[0][1].stiffness < 0.6 * modes[0][0].stiffness
+    base = plane_sections.case(geometry, "A", "finite")
+    tables = []
+    for factor in (1.0, 1000.0):
+        laws, loads = base.materials, base.loads
+        changes: dict[str, Any] = {f"materials.{n}.young": factor * getattr(laws, n).young for n in ("tissue", "wall")}
+        for name in ("skin_pressure", "outlet_pressure"):
+            full = factor * getattr(loads, name).final
+            changes[f"loads.{name}"] = PressureTable(times=(0.0, 1.0, 2.0), values=(0.0, 0.05 * full, 0.6 * full))
+        case = base.replace(time=TimeStepping(scheme="static", step=1.0, end=2.0), **changes)
+        table = run(case, tmp_path / f"{factor:g}", quiet=True).stability
+        rows = np.isin(table["time_s"], (1.0, 2.0))
+        tables.append({name: values[rows] for name, values in table.items()})
+    found, harder = (table["softest_stiffness_1"] for table in tables)
+    assert found == pytest.approx(harder, rel=1e-6)
+    assert 0 < found[1] < 0.6 * found[0]
     lumen = geometry.veins[0].lumen
     # tissue that swells out of a plane without strain is softest beside the vein
-    assert np.linalg.norm(np.subtract(modes[0][1].place, lumen.centroid)) < 2 * np.sqrt(lumen.area / np.pi)
+    place = [tables[0][f"softest_{axis}_m"][1] for axis in "xy"]
+    assert np.linalg.norm(place - lumen.centroid) < 2 * np.sqrt(lumen.area / np.pi)
 
 
 def test_pressure_that_closes_a_vein(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,6 +113,52 @@ def test_pressure_that_closes_a_vein(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not last.reached
     assert 1000 < last.pressure < 2000
     assert last.vein == pytest.approx(5e-4 * last.pressure, rel=1e-12)
+
+
+def test_pressure_needed_lies_on_the_curve_of_areas() -> None:
+    """Displacements in proportion to the load: a circle's area is quadratic in it, also beyond the loads of the run."""
+    skin, lumen = np.array([0.0, 2e3, 4e3]), 5e-5
+
+    def areas(pressure: Any) -> Any:
+        return lumen * (1.02 - 1e-4 * pressure) ** 2
+
+    run: Any = SimpleNamespace(series={"skin_pressure_Pa": skin, "lumen_area_m2": areas(skin)})
+    for pressure in (1e3, 9e3):
+        wanted = 1 - areas(pressure) / lumen
+        assert plane_sections.pressure_needed(run, wanted, lumen) == pytest.approx(pressure, rel=1e-9)
+    assert np.isnan(plane_sections.pressure_needed(run, 1.5, lumen))
+
+
+def test_cycles_are_compared_at_equal_times_within_them() -> None:
+    """Steps that were halved in one cycle change nothing, and the inlet before z = 0 does not count for the means."""
+    period, step = 4.0, 0.5
+    times = np.unique(np.r_[np.arange(0, 12.5, step), np.arange(4.25, 8, step)])
+    points = [[x, 0, z] for z in (-1e-2, 0.0, rigid_veins.LENGTH) for x in (0, 1e-3)]
+    quads = np.array([4, 0, 1, 3, 2, 4, 2, 3, 5, 4])
+
+    def shear(time: Any) -> Any:
+        return (2 + np.sin(2 * np.pi * time / period)) * (1 + 0.1 * 0.5 ** (time / period))
+
+    def fields(time: float, _which: str) -> Any:
+        grid = pyvista.UnstructuredGrid(quads, np.full(2, pyvista.CellType.QUAD), np.array(points))
+        size = shear(time) * np.where(grid.points[:, 2] < 0, 9.0, 1.0)
+        for name, values in (("axial", size), ("circumferential", 0 * size), ("magnitude", size)):
+            grid.point_data[f"wall_shear_{name}_Pa"] = values
+        return grid
+
+    case = SimpleNamespace(
+        loads=SimpleNamespace(inlet_flow=SimpleNamespace(times=(0.0, period))), time=SimpleNamespace(step=step)
+    )
+    run: Any = SimpleNamespace(
+        case=case, fields=fields, field_times=lambda _: list(times), wall_history=lambda start: fields(start, "wall")
+    )
+    cycles = rigid_veins.over_cycles(run)
+    rows = [shear(k * period + np.arange(0, period + step, step)) for k in range(3)]
+    exact = [np.abs(after - before).mean() / after.mean() for before, after in pairwise(rows)]
+    assert cycles.changes == pytest.approx(exact, rel=1e-9)
+    assert cycles.times == pytest.approx(np.arange(0, 4.5, step))
+    assert cycles.mean_shear == pytest.approx([shear(8 + t) for t in cycles.times], rel=1e-6)
+    assert rigid_veins.mean_over(cycles.wall, rigid_veins.SHEAR) == pytest.approx(shear(8.0), rel=1e-6)
 
 
 def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,6 +197,11 @@ def test_a_tiny_study_of_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert "cannot be told apart" in text
     for picture in ("modulus", "uniaxial"):
         assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_example_case_files_are_accepted() -> None:
+    kinds = {path.stem: type(Case.from_toml(path).geometry).__name__ for path in EXAMPLES.glob("*.toml")}
+    assert kinds == {"calf": "CalfSegment", "rigid": "LoftedVein", "section": "CalfSection", "wall": "BareTube"}
 
 
 def test_synthetic_veins_have_the_printed_volumes() -> None:

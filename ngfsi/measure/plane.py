@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import ngsolve as ng
@@ -13,23 +12,6 @@ from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class SectionMap:
-    """Fields of a deformed section for pictures.
-
-    Attributes:
-        points: (n, 2) deformed, m.
-        triangles: (m, 3) numbers of points.
-        displacement: (n,) magnitude, m.
-        pressure: (n,) p = -tr(sigma)/3, Pa; jumps between regions.
-    """
-
-    points: Array
-    triangles: NDArray[np.int64]
-    displacement: Array
-    pressure: Array
 
 
 class PlaneSectionProbe:
@@ -80,26 +62,6 @@ class PlaneSectionProbe:
         centre = before - before.mean(axis=0)
         order = np.argsort(np.arctan2(centre[:, 1], centre[:, 0]))
         return before[order], after[order]
-
-    def sample(self, refinement: int = 3) -> SectionMap:
-        """Return the fields on triangles, `refinement`^2 to an element."""
-        ticks = [(i / refinement, j / refinement) for j in range(refinement + 1) for i in range(refinement + 1 - j)]
-        number = {(round(x * refinement), round(y * refinement)): k for k, (x, y) in enumerate(ticks)}
-        cells = [[number[i, j], number[i + 1, j], number[i, j + 1]] for i, j in number if i + j < refinement]
-        cells += [
-            [number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]] for i, j in number if i + j < refinement - 1
-        ]
-        rule = ng.IntegrationRule(ticks, [1.0] * len(ticks))
-        at = self.domain.mesh.MapToAllElements({ng.TRIG: rule}, self.domain.materials())
-        motion = np.asarray(ng.CF(self._motion)(at))
-        pressures = {name: self.system.hydrostatic_pressure(name) for name in self.domain.geometry.solids}
-        first = np.arange(0, len(motion), len(ticks))
-        return SectionMap(
-            np.asarray(ng.CF((ng.x, ng.y))(at)) + motion,
-            (first[:, None, None] + np.array(cells)[None]).reshape(-1, 3),
-            np.linalg.norm(motion, axis=1),
-            np.asarray(self.domain.mesh.MaterialCF(pressures)(at)).ravel(),
-        )
 
     def _integrate(self, integrals: Any) -> float:
         return float(ng.Integrate(integrals, self.domain.mesh))

@@ -117,8 +117,9 @@ def vessels_of(geometry: Any) -> tuple[Vessel, ...]:
     if hasattr(geometry, "vessels"):
         return geometry.vessels
     if hasattr(geometry, "lumen_names"):
+        wall = "wall" if "wall" in geometry.solids else None
         return tuple(
-            Vessel("" if k == 0 else f"vein_{k + 1}", None, n, None, None, (), ())
+            Vessel("" if k == 0 else f"vein_{k + 1}", None, n, wall, wall and n.replace("lumen", "wall_outer"), (), ())
             for k, n in enumerate(geometry.lumen_names)
         )
     if geometry.fluid is None:

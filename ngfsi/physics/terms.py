@@ -67,14 +67,19 @@ def hydrostatic_pressure(law: SolidModel, F: CF, across: CF = 1) -> CF:
     return -law.variation(F, F) / (3 * Det(F))
 
 
-def cauchy_stress(law: SolidModel, F: CF) -> CF:
-    """sigma = P F^T / J (Pa, 3x3): sigma : E = P : (E F) / J for each unit tensor E, the symmetric ones once."""
+def cauchy_stress(law: SolidModel, F: CF, *, small: bool = False) -> CF:
+    """sigma = P F^T / J (Pa, 3x3): sigma : E = P : (E F) / J for each unit tensor E, the symmetric ones once.
+
+    Args:
+        small: at small strain all stresses are one.
+    """
     F = in_3d(F, 1)
     entries: dict[tuple[int, int], Any] = {}
     for i in range(3):
         for j in range(i, 3):
             unit = CoefficientFunction(tuple(float((a, b) == (i, j)) for a in range(3) for b in range(3)), dims=(3, 3))
-            entries[i, j] = entries[j, i] = law.variation(F, unit * F) / Det(F)
+            entry = law.variation(F, unit) if small else law.variation(F, unit * F) / Det(F)
+            entries[i, j] = entries[j, i] = entry
     return CoefficientFunction(tuple(entries[i, j] for i in range(3) for j in range(3)), dims=(3, 3))
 
 

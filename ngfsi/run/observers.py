@@ -18,7 +18,6 @@ from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import row
 from ngfsi.measure.shape import Shape
 from ngfsi.parallel.stopwatch import Stopwatch
-from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION
 from ngfsi.solve.time_loop import Step
 from ngfsi.store.fields import COLLAPSE, DEFORMATION, STRESS, FieldWriter
@@ -168,7 +167,7 @@ def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:
     found["velocity_m_s"] = _in_3d(mesh.MaterialCF(everywhere))
     if system.solids:
         F, none = system.deformation_gradient_3d(), dict.fromkeys(domain.lumens, ng.CF((0,) * 9, dims=(3, 3)))
-        stress = {name: terms.cauchy_stress(model, F[name]).Compile() for name, model in system.solids.items()}
+        stress = {name: system.cauchy_stress(name).Compile() for name in system.solids}
         found[STRESS] = mesh.MaterialCF({**stress, **none})
         found[DEFORMATION] = mesh.MaterialCF({**F, **none})
     return found

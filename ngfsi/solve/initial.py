@@ -75,12 +75,8 @@ def steady_flow(system: System, backend: Name) -> Newton:
     return flow
 
 
-def in_load_steps(system: System, newton: Newton, share: float = 0.0, until: float = 1.0) -> None:
+def in_load_steps(system: System, newton: Newton) -> None:
     """Creeping flow under growing shares of the loads of t = 0; inertia is left out, so the flow is linear.
-
-    Args:
-        share: that the present state carries.
-        until: that it is to carry.
 
     Raises:
         SolverError: says which share was reached, whose state is left.
@@ -90,9 +86,9 @@ def in_load_steps(system: System, newton: Newton, share: float = 0.0, until: flo
     """
     density = system.blood_density.Get()
     system.blood_density.Set(0.0)
-    step = until - share
-    while share < until:
-        trial = min(until, share + step)
+    share, step = 0.0, 1.0
+    while share < 1.0:
+        trial = min(1.0, share + step)
         _set_share(system, trial)
         try:
             newton.solve(max(START_TOLERANCE, system.case.solver.tolerance), NEWTON_STEPS)

@@ -1,10 +1,8 @@
-"""Equilibrium of plane sections: the solid terms of the coupled system, without flow or time."""
+"""Equilibrium of plane sections under constant loads, one from another, without a folder: for identification."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from itertools import pairwise
 
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Solver, TimeStepping
 from ngfsi.config.functions import PressureConstant
@@ -50,40 +48,19 @@ def equilibrium(case: Case, domain: Domain | None = None, start: System | None =
         CaseError: the geometry has a fluid.
         SolverError: no equilibrium was found; says up to which share of the loads.
     """
-    system, newton = _at_rest(case, domain)
-    if start is not None:
-        system.values[:] = start.values
-        system.update(0.0)
-        with suppress(SolverError):
-            newton.solve(case.solver.tolerance, case.solver.max_iterations)
-            return system
-        system.values[:] = 0.0
-    _carry(system, newton, 0.0, 1.0)
-    return system
-
-
-def load_path(case: Case, shares: Sequence[float], domain: Domain | None = None) -> Iterator[System]:
-    """Yield the system in equilibrium with growing shares of its loads, each from the one before.
-
-    Raises:
-        CaseError: the geometry has a fluid.
-        SolverError: no equilibrium was found from some share on; the system last yielded is left at the last one.
-    """
-    system, newton = _at_rest(case, domain)
-    for share, until in pairwise((0.0, *shares)):
-        _carry(system, newton, share, until)
-        yield system
-
-
-def _carry(system: System, newton: Newton, share: float, until: float) -> None:
-    """Go from one share of the loads to another, and to the case's tolerance there."""
-    in_load_steps(system, newton, share, until)
-    newton.solve(system.case.solver.tolerance, system.case.solver.max_iterations)
-
-
-def _at_rest(case: Case, domain: Domain | None) -> tuple[System, Newton]:
     if any(vessel.lumen for vessel in vessels_of(case.geometry)):
         raise CaseError(f"a {type(case.geometry).__name__} has a fluid: compute it with `ngfsi run`")
     system = System(case, domain or Domain.build(case.geometry))
     system.set_steady()
-    return system, Newton(system, choose_backend(case.solver.linear))
+    newton = Newton(system, choose_backend(case.solver.linear))
+    limits = case.solver.tolerance, case.solver.max_iterations
+    if start is not None:
+        system.values[:] = start.values
+        system.update(0.0)
+        with suppress(SolverError):
+            newton.solve(*limits)
+            return system
+        system.values[:] = 0.0
+    in_load_steps(system, newton)
+    newton.solve(*limits)
+    return system

@@ -220,6 +220,10 @@ class System:
         model, F = self.solids[region], self.deformation_gradient_3d()[region]
         return -model.variation(F, ng.Id(3)) / 3 if self._small else terms.hydrostatic_pressure(model, F)
 
+    def cauchy_stress(self, region: str) -> Any:
+        """Return sigma (Pa, 3x3) of a solid in the present state."""
+        return terms.cauchy_stress(self.solids[region], self.deformation_gradient_3d()[region], small=self._small)
+
     def work_integrals(
         self, name: str, F: Any, grad_v: Any, relaxation: Any | None, across: tuple[Any, Any] = (1, 0),
         elements: ng.BitArray | None = None,

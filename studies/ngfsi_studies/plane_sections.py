@@ -8,29 +8,26 @@ at finite strain.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from ngfsi_geometry.calf_section import SUBJECTS, CalfSection, subject
-from scipy.optimize import root_scalar
+from numpy.typing import NDArray
 
-from ngfsi.case import Case, Conditions, Materials
-from ngfsi.errors import SolverError
+from ngfsi.case import Case, Conditions, Materials, Output, TimeStepping
+from ngfsi.config.functions import PressureConstant, PressureRamp
 from ngfsi.materials import CompressibleNeoHookean
-from ngfsi.measure.plane import PlaneSectionProbe, SectionMap
-from ngfsi.measure.softest import SoftestMode, softest_mode
-from ngfsi.mesh.domain import Domain
 from ngfsi.report.figures import FieldMap, Line, field_maps, lines
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
-from ngfsi.solve.statics import equilibrium, load_path, section_case
-from ngfsi.store.disk import explained, replace_file
+from ngfsi.solve.statics import section_case
+from ngfsi.store.disk import replace_file
+from ngfsi.store.stored import Columns, StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import workers
+from ngfsi.study import Outcome, run_cases
 from ngfsi.units import from_si, to_si
 from ngfsi_studies.source import tables
 
@@ -61,7 +58,12 @@ LEVELS = {"demo": Level(3, 1.0), "paper": Level(4, 0.8), "fine": Level(5, 0.6)}
 MARK = "\u2020"
 """Stands behind numbers that are not converged."""
 SHARES = {"small": (0.5, 1.0), "finite": (0.25, 0.5, 0.625, 0.75, 0.875, 1.0)}
-"""Shares of the loads on the way: at finite strain the vein becomes soft on it."""
+"""Fractions of the loads on the way, which are also the times (s) of a run under ramps; at finite strain the vein
+becomes soft on it."""
+SMALLEST_STEP = 1 / 64
+"""Seconds, and fraction of the loads: where smaller steps fail, too, the equilibrium is taken to end."""
+RING, FINER = 200, 2
+"""For pictures: points of an outline, and how often a curved triangle is halved."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +74,10 @@ class Finding:
         vein, calf, deep_posterior: reductions of area as shares of it.
         vein_share: the vein's part of the calf's loss.
         pressure, pressure_wall: mean over the vein's outline on either side, Pa.
-        map, outlines: for pictures; outlines of skin and lumen at rest, m.
         path: shares of the loads and the vein's reduction of area there; `coarse`: with one order less, if computed.
-        modes: at finite strain, the softest motion at each of these shares.
+        softest: at finite strain, the stored stability at these loads.
         failure: why the path ended early, if it did; the numbers are then those of its last state.
+        run: for pictures.
     """
 
     subject: int
@@ -87,12 +89,11 @@ class Finding:
     vein_share: float = np.nan
     pressure: float = np.nan
     pressure_wall: float = np.nan
-    map: SectionMap | None = None
-    outlines: tuple[Any, ...] = ()
     path: tuple[tuple[float, float], ...] = ()
     coarse: tuple[tuple[float, float], ...] | None = None
-    modes: tuple[SoftestMode, ...] = ()
+    softest: Columns = field(default_factory=dict)
     failure: str = ""
+    run: StoredRun | None = None
 
     @property
     def settled(self) -> tuple[float, float]:
@@ -115,113 +116,108 @@ def section(number: int, level: Level) -> CalfSection:
     return subject(number).replace(**sizes, **{"mesh.curving_order": level.order})
 
 
-def case(geometry: CalfSection, model: str, strain: str, skin: float | None = None) -> Case:
-    """Return the case of a model; `skin`: pressure on it (Pa) instead of the study's."""
+def case(geometry: CalfSection, model: str, strain: str) -> Case:
+    """Return the case of a model: the study's loads, growing in proportion from nothing at t = 0 to all at 1 s."""
     laws: dict[str, Any] = {
         region: CompressibleNeoHookean(young=1e3 * PRINTED[young], poisson=PRINTED["poisson"], density=DENSITY)
         for region, young in (("tissue", "muscle_young_kPa"), ("wall", "wall_young_kPa"))
     }
     stressed = {"A": geometry.solids, "B": tuple(n for n in geometry.solids if n != "deep_posterior"), "C": ()}
-    return section_case(
-        geometry,
-        Materials(**laws),
-        skin=to_si(PRINTED["skin_pressure_mmHg"], "mmHg") if skin is None else skin,
-        blood=to_si(PRINTED["vein_pressure_mmHg"], "mmHg"),
-        conditions=Conditions(plane_stress=stressed[model], strain=strain),  # type: ignore[arg-type]
-        name=f"section-{model}-{strain}",
+    conditions = Conditions(plane_stress=stressed[model], strain=strain)  # type: ignore[arg-type]
+    loads = {"skin_pressure": "skin_pressure_mmHg", "outlet_pressure": "vein_pressure_mmHg"}
+    shares, finite = SHARES[strain], strain == "finite"
+    step = float(np.diff([0.0, *shares]).min())
+    return section_case(geometry, Materials(**laws), conditions=conditions, name=f"section-{model}-{strain}").replace(
+        **{f"loads.{name}": PressureRamp(final=to_si(PRINTED[key], "mmHg"), duration=1.0)
+           for name, key in loads.items()},
+        time=TimeStepping(scheme="static", step=step, end=shares[-1], smallest_step=min(SMALLEST_STEP, step)),
+        output=Output(fields_every=int(finite), stability=finite),
+    )  # fmt: skip
+
+
+def cases(level: Level) -> dict[str, Case]:
+    """Return the cases of a level by subject, model and strain; `coarse`: with one order less.
+
+    `needed` is plane strain at small strain with all of the blood's pressure from the start.
+    """
+    found: dict[str, Case] = {}
+    for number in level.subjects:
+        geometry, lower = section(number, level), section(number, level._replace(order=level.order - 1))
+        for model in MODELS:
+            found |= {f"{number}_{model}_{strain}": case(geometry, model, strain) for strain in STRAINS}
+            found[f"{number}_{model}_coarse"] = case(lower, model, "finite").replace(output=Output(fields_every=0))
+        blood = to_si(PRINTED["vein_pressure_mmHg"], "mmHg")
+        found[f"{number}_needed"] = case(geometry, "C", "small").replace(
+            **{"loads.outlet_pressure": PressureConstant(value=blood), "time.step": 0.5, "time.end": 1.0}
+        )
+    return found
+
+
+def find(number: int, model: str, strain: str, outcomes: Mapping[str, Outcome]) -> Finding:
+    """Return what became of one subject in one model, as far as its equilibrium could be followed."""
+    outcome, coarse = outcomes[f"{number}_{model}_{strain}"], outcomes[f"{number}_{model}_coarse"]
+    lower = path(coarse, number, strain) if strain == "finite" else None
+    known = Finding(number, model, strain, failure=outcome.failure, path=path(outcome, number, strain), coarse=lower)
+    if not known.path or outcome.run is None:
+        return known
+    whole, rest = subject(number), outcome.run.series["deep_posterior_area_m2"][0]
+    last = {name: values[-1] for name, values in _on_path(outcome.run.series, strain).items()}
+    lumen = whole.veins[0].lumen.area
+    lost = {"lumen": lumen - last["lumen_area_m2"], "skin": whole.skin.area - last["skin_area_m2"]}
+    return replace(
+        known,
+        vein=lost["lumen"] / lumen,
+        calf=lost["skin"] / whole.skin.area,
+        deep_posterior=1 - last["deep_posterior_area_m2"] / rest,
+        vein_share=lost["lumen"] / lost["skin"],
+        pressure=last["p_tissue_side_Pa"],
+        pressure_wall=last["p_wall_side_Pa"],
+        softest=_on_path(outcome.run.stability, strain) if strain == "finite" else {},
+        run=outcome.run,
     )
 
 
-def find(number: int, model: str, strain: str, domain: Domain, geometry: CalfSection,
-         shares: Sequence[float]) -> Finding:  # fmt: skip
-    """Compute one subject in one model, as far as its equilibrium can be followed."""
-    path, modes, failure = [], [], ""
-    try:
-        for share, system in zip(shares, load_path(case(geometry, model, strain), shares, domain), strict=True):
-            probe = PlaneSectionProbe(system)
-            path.append((share, 1 - probe.enclosed_area("lumen") / geometry.veins[0].lumen.area))
-            state = _measures(probe, geometry, domain)
-            if strain == "finite":
-                modes.append(softest_mode(system))
-    except SolverError as error:
-        failure = str(error)
-    return Finding(
-        number, model, strain, path=tuple(path), modes=tuple(modes), failure=failure, **(state if path else {})
-    )
+def path(outcome: Outcome, number: int, strain: str) -> tuple[tuple[float, float], ...]:
+    """Return shares of the loads that a run has reached, and the vein's reduction of area there."""
+    reached = _on_path(outcome.run.series if outcome.run else {}, strain)
+    if not reached:
+        return ()
+    losses = 1 - reached["lumen_area_m2"] / subject(number).veins[0].lumen.area
+    return tuple(zip(map(float, reached["time_s"]), map(float, losses), strict=True))
 
 
-def with_less(finding: Finding, domain: Domain, geometry: CalfSection, shares: Sequence[float]) -> Finding:
-    """Return a finding together with the path that a lower order gives, on whose domain and geometry that is."""
-    coarse: list[tuple[float, float]] = []
-    with suppress(SolverError):
-        for share, system in zip(
-            shares, load_path(case(geometry, finding.model, finding.strain), shares, domain), strict=True
-        ):
-            loss = 1 - PlaneSectionProbe(system).enclosed_area("lumen") / geometry.veins[0].lumen.area
-            coarse.append((share, loss))
-    return replace(finding, coarse=tuple(coarse))
+def _on_path(table: Columns, strain: str) -> Columns:
+    """Return the rows of a table at the loads on the way, which steps that were halved lie between."""
+    if not table:
+        return {}
+    rows = np.isclose(table["time_s"][:, None], SHARES[strain], rtol=0, atol=1e-9).any(axis=1)
+    return {name: values[rows] for name, values in table.items()} if rows.any() else {}
 
 
-def _measures(probe: PlaneSectionProbe, geometry: CalfSection, domain: Domain) -> dict[str, Any]:
-    lost = {name: whole - probe.enclosed_area(name) for name, whole in whole_areas(geometry).items()}
-    return {
-        "vein": lost["lumen"] / geometry.veins[0].lumen.area,
-        "calf": lost["skin"] / geometry.skin.area,
-        "deep_posterior": 1 - probe.region_area("deep_posterior") / domain.volume("deep_posterior"),
-        "vein_share": lost["lumen"] / lost["skin"],
-        "pressure": probe.pressure_over("wall_outer", "tissue"),
-        "pressure_wall": probe.pressure_over("wall_outer", "wall"),
-        "map": probe.sample(),
-        "outlines": (probe.moved("skin")[0], probe.moved("lumen")[0]),
-    }
+def pressure_needed(run: StoredRun, reduction: float, lumen: float) -> float:
+    """Return the pressure on the skin (Pa) at which small plane strain loses a share of the vein's area (m2).
 
-
-def whole_areas(geometry: CalfSection) -> dict[str, float]:
-    """Return the areas (m2) that skin and lumen enclose at rest."""
-    return {"skin": geometry.skin.area, "lumen": geometry.veins[0].lumen.area}
-
-
-def pressure_needed(domain: Domain, geometry: CalfSection, reduction: float) -> float:
-    """Return the pressure on the skin (Pa) at which small plane strain loses a share of the vein's area."""
-
-    def gap(skin: float) -> float:
-        probe = PlaneSectionProbe(equilibrium(case(geometry, "C", "small", skin), domain))
-        return 1 - probe.enclosed_area("lumen") / geometry.veins[0].lumen.area - reduction
-
-    guess = to_si(PRINTED["skin_pressure_mmHg"], "mmHg")
-    return float(root_scalar(gap, x0=guess, x1=2 * guess, rtol=1e-4).root)
+    Displacements are linear in the load and areas quadratic in them: three pressures fix the curve, exactly. Not a
+    number if it does not lose that much.
+    """
+    losses = 1 - run.series["lumen_area_m2"] / lumen
+    roots = np.roots(np.polyfit(run.series["skin_pressure_Pa"], losses - reduction, 2))
+    return float(min(roots[np.isreal(roots) & (roots.real > 0)].real, default=np.nan))
 
 
 def study(level: str, folder: Path, quiet: bool = False) -> Path:
-    """Compute all subjects in all models and write report.md, results.csv and figures; return the report's path."""
-    with explained(folder, "made"):
-        folder.mkdir(parents=True, exist_ok=True)
+    """Run all subjects in all models and write report.md, results.csv and figures; return the report's path."""
     chosen = LEVELS[level]
-    findings: list[Finding] = []
-    needed: dict[int, float] = {}
-    count = len(chosen.subjects)
-    with workers() as pool:
-        for number, (found, pressure) in zip(
-            chosen.subjects, pool.map(one_subject, chosen.subjects, [chosen] * count, [SHARES] * count), strict=True
-        ):
-            findings += found
-            needed[number] = pressure
-            if not quiet:
-                console().print("\n".join(map(_line, found)))
+    computed = cases(chosen)
+    outcomes = run_cases(computed, folder / "runs", processes=len(computed), quiet=quiet)
+    findings = [find(n, model, strain, outcomes) for n in chosen.subjects for strain in STRAINS for model in MODELS]
+    measured, needed = PRINTED["vein_area_reduction_percent"]["measured"], {}
+    for number in chosen.subjects:
+        if run := outcomes[f"{number}_needed"].run:
+            needed[number] = pressure_needed(run, measured[number - 1] / 100, subject(number).veins[0].lumen.area)
+    if not quiet:
+        console().print("\n".join(map(_line, findings)))
     return write_report(level, folder, findings, needed)
-
-
-def one_subject(number: int, level: Level, shares: Mapping[str, Sequence[float]]) -> tuple[list[Finding], float]:
-    """Compute one subject in all models, and the pressure (Pa) that plane strain would need."""
-    geometry, lower = section(number, level), section(number, level._replace(order=level.order - 1))
-    domain, coarse = Domain.build(geometry), Domain.build(lower)
-    found = []
-    for strain in STRAINS:
-        for model in MODELS:
-            one = find(number, model, strain, domain, geometry, shares[strain])
-            found.append(with_less(one, coarse, lower, shares[strain]) if strain == "finite" else one)
-    measured = PRINTED["vein_area_reduction_percent"]["measured"][number - 1] / 100
-    return found, pressure_needed(domain, geometry, measured)
 
 
 def write_report(level: str, folder: Path, findings: Sequence[Finding], needed: Mapping[int, float]) -> Path:
@@ -394,10 +390,11 @@ def _strains(findings: Sequence[Finding]) -> str:
 
 def _softness(folder: Path, findings: Sequence[Finding]) -> str:
     load, rows = PRINTED["skin_pressure_mmHg"], []
-    finite = [f for f in findings if f.strain == "finite" and f.modes]
+    finite = [f for f in findings if f.strain == "finite" and f.softest]
     for f in finite:
-        lumen = subject(f.subject).veins[0].lumen
-        away = float(np.linalg.norm(np.array(f.modes[-1].place) - lumen.centroid)) / np.sqrt(lumen.area / np.pi)
+        lumen, stiffness = subject(f.subject).veins[0].lumen, f.softest["softest_stiffness_1"]
+        place = [f.softest[f"softest_{axis}_m"][-1] for axis in "xy"]
+        away = float(np.linalg.norm(place - lumen.centroid)) / np.sqrt(lumen.area / np.pi)
         full = " / ".join(
             f"{100 * path[-1][1]:.1f}" if path and path[-1][0] == 1 else "none" for path in (f.path, f.coarse or ())
         )
@@ -405,11 +402,11 @@ def _softness(folder: Path, findings: Sequence[Finding]) -> str:
         rows.append((
             f"{f.subject}, {f.model}", f"{load * share:.0f}", f"{100 * loss:.1f}",
             full + ("" if f.converged else f" {MARK}"),
-            f"{f.modes[-1].stiffness / f.modes[0].stiffness:.2f}", f"{away:.1f}",
+            f"{stiffness[-1] / stiffness[0]:.2f}", f"{away:.1f}",
         ))  # fmt: skip
     panels = {
         f"model {model}": [
-            Line(f"subject {f.subject}", [load * share for share, _ in f.path], [m.stiffness for m in f.modes], "o-")
+            Line(f"subject {f.subject}", load * f.softest["time_s"], f.softest["softest_stiffness_1"], "o-")
             for f in finite
             if f.model == model
         ]
@@ -419,7 +416,7 @@ def _softness(folder: Path, findings: Sequence[Finding]) -> str:
     lines(panels, labels, folder / "softest.png")
     head = ("subject, model", "converged up to, mmHg", "vein loses there, %", "at full load, order k / k - 1, %",
             "softest motion, stiffness over that at the first load", "its place, vein radii from the axis")  # fmt: skip
-    positive = min(m.stiffness for f in finite for m in f.modes) > 0
+    positive = min(f.softest["softest_stiffness_1"].min() for f in finite) > 0
     return (
         "![stiffness of the softest motion](softest.png)\n\n"
         + markdown_table(head, rows)
@@ -488,19 +485,24 @@ def _paths(folder: Path, findings: Sequence[Finding]) -> str:
 
 def _figures(folder: Path, findings: Sequence[Finding]) -> list[str]:
     first = min(f.subject for f in findings)
-    drawn = [f for f in findings if f.subject == first and f.path]
-    pictures = [_paths(folder, findings)]
-    kinds: dict[str, tuple[str, float, Callable[[SectionMap], Any], tuple[float, float]]] = {
-        "displacement": ("displacement [mm]", 1e3, lambda m: m.displacement, (0.0, 12.0)),
-        "pressure": ("hydrostatic pressure [kPa]", 1e-3, lambda m: m.pressure, (0.0, 8.0)),
+    drawn = [f for f in findings if f.subject == first and f.run]
+    pictures, geometry = [_paths(folder, findings)], subject(first)
+    rest = [1e3 * outline.resampled(RING) for outline in (geometry.skin, geometry.veins[0].lumen)]
+    kinds: dict[str, tuple[str, float, Callable[[Any], NDArray[np.float64]], tuple[float, float]]] = {
+        "displacement": ("displacement [mm]", 1e3, lambda d: np.linalg.norm(d["displacement_m"], axis=1), (0.0, 12.0)),
+        "pressure": ("hydrostatic pressure [kPa]", 1e-3, lambda d: d["hydrostatic_pressure_Pa"], (0.0, 8.0)),
+    }
+    surfaces = {
+        f"{f.model}, {f.strain} strain": f.run.fields(f.path[-1][0]).extract_surface(
+            nonlinear_subdivision=FINER, algorithm="dataset_surface"
+        )
+        for f in drawn
+        if f.run
     }
     for name, (label, factor, value, limits) in kinds.items():
         panels = {
-            f"{f.model}, {f.strain} strain": FieldMap(
-                1e3 * f.map.points, f.map.triangles, factor * value(f.map), [1e3 * ring for ring in f.outlines]
-            )
-            for f in drawn
-            if f.map is not None
+            title: FieldMap(1e3 * seen.points[:, :2], seen.regular_faces, factor * value(seen.point_data), rest)
+            for title, seen in surfaces.items()
         }
         field_maps(panels, label, folder / f"{name}.png", limits=limits)
         pictures.append(f"![{label}]({name}.png)\n\nSubject {first}: {label}; dashed: skin and lumen at rest.")

@@ -7,31 +7,28 @@ mean flows, and after compression one of three shapes of the same areas.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from math import pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import ngsolve as ng
 import numpy as np
 from ngfsi_geometry.lofted import LoftedMesh, LoftedVein
 from numpy.typing import NDArray
 
-from ngfsi.config.functions import FlowConstant, FlowWaveform, Waveform
-from ngfsi.errors import NgfsiError
+from ngfsi.case import Case, Discretisation, Loads, Materials, Output, TimeStepping
+from ngfsi.config.functions import FlowConstant, FlowCurve, FlowWaveform, PressureConstant, Waveform
 from ngfsi.identify.waveform import ensemble
 from ngfsi.materials import Newtonian, load_set
-from ngfsi.measure.wall import Wall
-from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
 from ngfsi.report.figures import Line, lines
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
-from ngfsi.run.rigid import SAME, Cycle, pulsatile, rigid_case, steady
-from ngfsi.store.disk import explained, replace_file
+from ngfsi.store.disk import replace_file
+from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import workers
+from ngfsi.study import Outcome, run_cases
 from ngfsi.units import to_si
 from ngfsi_studies.source import tables
 
@@ -43,9 +40,17 @@ SECTIONS, WINDOWS = 11, 10
 SHAPES = {"round": (1.0, 1.0), "oval": (2.0, 1.0), "collapsed": (3.0, 0.6)}
 """Shape -> ratio of its axes, and thickness in the middle over that of an ellipse."""
 BEFORE = (1.2, 1.0)
+STATES = tuple(product(range(1, len(PRINTED["flow_ml_s"]["before"]) + 1), ("before", *SHAPES)))
+"""Subjects in each state."""
 SEED = 5
 PULSATILE = 7
 """Subject computed over breathing cycles, too: the one of the largest flow."""
+CYCLES = 3
+SAME = 0.01
+"""Cycles whose wall shear stress differs by less, in the mean over wall and cycle, are taken as periodic."""
+BREATHS = "breaths"
+SHEAR = "wall_shear_magnitude_Pa"
+STEADY = TimeStepping(scheme="static", step=1.0, end=1.0)
 
 
 class Level(NamedTuple):
@@ -130,37 +135,70 @@ def blood() -> Newtonian:
     return found
 
 
-def find(subject: int, state: str, level: Level) -> Finding:
-    """Compute the steady flow of one vein; `state`: before, or a shape after compression."""
+def case(geometry: LoftedVein, flow: FlowCurve, level: Level, time: TimeStepping = STEADY) -> Case:
+    """Return the case of flow through a vein into an outlet of pressure 0."""
+    return Case(
+        name="rigid-vein",
+        geometry=geometry,
+        materials=Materials(fluid=blood()),
+        loads=Loads(inlet_flow=flow, outlet_pressure=PressureConstant(value=0.0)),
+        discretisation=Discretisation(order=level.order),
+        time=time,
+        output=Output(fields_every=0),
+    )
+
+
+def given(subject: int, state: str) -> tuple[float, float]:
+    """Return volume (m3) and mean flow (m3/s) of a vein; `state`: before, or a shape after compression."""
     when = "before" if state == "before" else "after"
-    volume = to_si(PRINTED["vein_volume_mm3"][when][subject - 1], "mm3")
-    flow = to_si(PRINTED["flow_ml_s"][when][subject - 1], "ml_s")
-    geometry = vein(subject, volume, BEFORE if state == "before" else SHAPES[state], level.mesh)
-    radius = np.sqrt(volume / LENGTH / pi)
-    uniform = 4 * blood().viscosity * flow / (pi * radius**3)
-    try:
-        system = steady(rigid_case(geometry, blood(), FlowConstant(value=flow), order=level.order))
-    except NgfsiError as error:
-        return Finding(subject, state, volume, flow, uniform=uniform, failure=str(error))
-    wall = Wall(system)
-    wall.refresh()
-    edges = np.linspace(0, LENGTH, WINDOWS + 1)
-    heights = tuple(map(float, (edges[1:] + edges[:-1]) / 2))
-    size = ng.Norm(wall.shear)
-    shear = tuple(_mean(wall, size, a, b) for a, b in pairwise(edges))
-    sample = wall.sample(2)
-    inside = np.linalg.norm(sample.shear, axis=1)[sample.points[:, 2] > 0]
-    velocity = tuple(float(flow / area) for area in geometry.areas(np.array(heights)))
-    return Finding(
-        subject, state, volume, flow, _mean(wall, size, 0.0, LENGTH), float(inside.min()), float(inside.max()), uniform,
-        heights, velocity, shear,
-    )  # fmt: skip
+    volume, flow = (PRINTED[name][when][subject - 1] for name in ("vein_volume_mm3", "flow_ml_s"))
+    return to_si(volume, "mm3"), to_si(flow, "ml_s")
 
 
-def _mean(wall: Wall, field: Any, low: float, high: float) -> float:
-    """Return the mean of a field over the part of the wall between two heights (m)."""
-    part = ng.IfPos((ng.z - low) * (high - ng.z), 1.0, 0.0)
-    return wall.integral(field * part) / wall.integral(part)
+def cases(level: Level) -> dict[str, Case]:
+    """Return the cases of a level: that of breathing cycles, the longest, and steady flow by subject and state."""
+    volume, mean = given(PULSATILE, "before")
+    flow = breathing(mean)
+    period = flow.times[-1]
+    time = TimeStepping(step=period / level.steps, end=CYCLES * period)
+    found = {BREATHS: case(vein(PULSATILE, volume, BEFORE, level.mesh), flow, level, time)}
+    for subject, state in STATES:
+        volume, mean = given(subject, state)
+        geometry = vein(subject, volume, SHAPES.get(state, BEFORE), level.mesh)
+        found[f"{subject}_{state}"] = case(geometry, FlowConstant(value=mean), level)
+    return found
+
+
+def find(subject: int, state: str, outcome: Outcome) -> Finding:
+    """Return what became of the steady flow in one vein."""
+    volume, flow = given(subject, state)
+    uniform = 4 * blood().viscosity * flow / (pi * (volume / LENGTH / pi) ** 1.5)
+    known = Finding(subject, state, volume, flow, uniform=uniform, failure=outcome.failure)
+    if outcome.failure or outcome.run is None:
+        return known
+    wall, edges = outcome.run.fields(STEADY.end, "wall"), np.linspace(0, LENGTH, WINDOWS + 1)
+    heights = (edges[1:] + edges[:-1]) / 2
+    inside = between(wall)
+    return replace(
+        known,
+        mean=mean_over(inside, SHEAR),
+        smallest=float(inside.point_data[SHEAR].min()),
+        largest=float(inside.point_data[SHEAR].max()),
+        heights=tuple(map(float, heights)),
+        velocity=tuple(map(float, flow / outcome.run.case.geometry.areas(heights))),
+        shear=tuple(mean_over(between(wall, low, high), SHEAR) for low, high in pairwise(edges)),
+    )
+
+
+def between(wall: Any, low: float = 0.0, high: float = LENGTH) -> Any:
+    """Return the part of a wall between two heights (m); by default the segment, without the inlet."""
+    return wall.clip("z", origin=(0, 0, high)).clip("z", origin=(0, 0, low), invert=False)
+
+
+def mean_over(wall: Any, name: str) -> float:
+    """Return the mean of a point field over the area of a wall."""
+    whole = wall.integrate_data()
+    return float(whole.point_data[name][0] / whole["Area"][0])
 
 
 def correlation(found: Sequence[Finding]) -> float:
@@ -187,31 +225,55 @@ def breathing(mean: float) -> Waveform[float]:
     return FlowWaveform(times=tuple(map(float, found.times)), values=tuple(map(float, values)))
 
 
-def over_cycles(level: Level) -> Cycle:
-    """Compute the chosen subject before compression over breathing cycles."""
-    flow = breathing(to_si(PRINTED["flow_ml_s"]["before"][PULSATILE - 1], "ml_s"))
-    geometry = vein(PULSATILE, to_si(PRINTED["vein_volume_mm3"]["before"][PULSATILE - 1], "mm3"), BEFORE, level.mesh)
-    period = flow.times[-1]
-    case = rigid_case(geometry, blood(), flow, order=level.order, step=period / level.steps, end=period)
-    return pulsatile(case, Domain.build(geometry))
+@dataclass(frozen=True)
+class Cycles:
+    """Breathing cycles.
+
+    Attributes:
+        wall: the segment's wall with averages over the last cycle (`StoredRun.wall_history`).
+        times: (n,) s within the last cycle.
+        mean_shear: (n,) wall shear stress, mean over the segment's wall, Pa.
+        changes: of each cycle against the one before, relative; the last is below `SAME` if the state is periodic.
+    """
+
+    wall: Any
+    times: Array
+    mean_shear: Array
+    changes: tuple[float, ...]
+
+
+def over_cycles(run: StoredRun) -> Cycles:
+    """Compare the cycles of a run by the times of its stored walls."""
+    from scipy.interpolate import make_interp_spline
+
+    flow, times = run.case.loads.inlet_flow, np.array(run.field_times("wall"))
+    period = flow.times[-1]  # type: ignore[union-attr]
+    walls = [run.fields(time, "wall").point_data for time in times]
+    ways = [[wall[f"wall_shear_{way}_Pa"] for way in ("axial", "circumferential")] for wall in walls]
+    shear = make_interp_spline(times, np.moveaxis(np.array(ways), 1, 2), k=1)
+    phases = np.linspace(0.0, period, round(period / run.case.time.step) + 1)
+    cycles = [shear(k * period + phases) for k in range(CYCLES)]
+    sizes = [float(np.linalg.norm(cycle, axis=2).mean()) for cycle in cycles]
+    gaps = [float(np.linalg.norm(after - before, axis=2).mean()) for before, after in pairwise(cycles)]
+    start = (CYCLES - 1) * period
+    last = times[times > start - run.case.time.step / 2]
+    mean = np.array([mean_over(between(run.fields(time, "wall")), SHEAR) for time in last])
+    changes = tuple(gap / size for gap, size in zip(gaps, sizes[1:], strict=True))
+    return Cycles(between(run.wall_history(start)), last - start, mean, changes)
 
 
 def study(level: str, folder: Path, quiet: bool = False) -> Path:
-    """Compute all veins and write report.md, results.csv and figures; return the report's path."""
-    with explained(folder, "made"):
-        folder.mkdir(parents=True, exist_ok=True)
-    chosen, found = LEVELS[level], []
-    states = list(product(range(1, len(PRINTED["flow_ml_s"]["before"]) + 1), ("before", *SHAPES)))
-    with workers() as pool:
-        cycle = pool.submit(over_cycles, chosen)
-        for f in pool.map(find, *zip(*states, strict=True), [chosen] * len(states)):
-            found.append(f)
-            if not quiet:
-                console().print(f"subject {f.subject}, {f.state}: {f.failure or f'{f.mean:.3f} Pa'}")
-        return write_report(level, folder, found, cycle.result())
+    """Run all veins and write report.md, results.csv and figures; return the report's path."""
+    computed = cases(LEVELS[level])
+    outcomes = run_cases(computed, folder / "runs", processes=len(computed), quiet=quiet)
+    found = [find(subject, state, outcomes[f"{subject}_{state}"]) for subject, state in STATES]
+    if not quiet:
+        for f in found:
+            console().print(f"subject {f.subject}, {f.state}: {f.failure or f'{f.mean:.3f} Pa'}")
+    return write_report(level, folder, found, outcomes[BREATHS])
 
 
-def write_report(level: str, folder: Path, found: Sequence[Finding], cycle: Cycle) -> Path:
+def write_report(level: str, folder: Path, found: Sequence[Finding], breaths: Outcome) -> Path:
     """Write tables, figures and what they mean."""
     write_rows(folder / "results.csv", [_row(f) for f in found])
     good = [f for f in found if not f.failure]
@@ -222,7 +284,7 @@ def write_report(level: str, folder: Path, found: Sequence[Finding], cycle: Cycl
         "compression nearly round, after it "
         + ", ".join(f"{name} (axes {ratio:g} : 1)" for name, (ratio, _) in SHAPES.items())
         + " with the same areas. Steady flow at the mean flow, blood as in the study; the inlet of 6 diameters is "
-        "computed and left out of the averages.",
+        "computed and left out of the averages, which are over the area of the stored wall.",
         "## TAWSS computed and printed",
         _table(good),
         "## What shape explains",
@@ -230,7 +292,7 @@ def write_report(level: str, folder: Path, found: Sequence[Finding], cycle: Cycl
         "## Along the veins",
         _axial(folder, good),
         "## Over breathing cycles",
-        _cycles(folder, good, cycle),
+        _cycles(folder, good, breaths),
         *(["## Not computed", "\n".join(failed)] if failed else []),
         "All numbers: [results.csv](results.csv).",
     ]
@@ -255,11 +317,11 @@ def by_state(found: Sequence[Finding]) -> dict[int, dict[str, Finding]]:
 
 
 def _table(found: Sequence[Finding]) -> str:
-    printed = PRINTED["tawss_Pa"]
+    said = PRINTED["tawss_Pa"]
     rows = []
     for subject, states in by_state(found).items():
         k = subject - 1
-        cells = [_three(printed, "before", k), _values(states.get("before")), _three(printed, "after", k)]
+        cells = [_three(said, "before", k), _values(states.get("before")), _three(said, "after", k)]
         rows.append((str(subject), *cells, *(_values(states.get(shape)) for shape in _shapes_of(found))))
     head = (
         "subject",
@@ -340,23 +402,25 @@ def _axial(folder: Path, found: Sequence[Finding]) -> str:
     )
 
 
-def _cycles(folder: Path, found: Sequence[Finding], cycle: Cycle) -> str:
+def _cycles(folder: Path, found: Sequence[Finding], breaths: Outcome) -> str:
+    if breaths.failure or breaths.run is None:
+        return f"Not computed: {breaths.failure}"
+    cycles = over_cycles(breaths.run)
     lines(
-        {"mean over the wall, last cycle": [Line(f"subject {PULSATILE}", cycle.times, cycle.mean_shear)]},
+        {"mean over the wall, last cycle": [Line(f"subject {PULSATILE}", cycles.times, cycles.mean_shear)]},
         ("time in the cycle [s]", "wall shear stress [Pa]"),
         folder / "cycle.png",
     )
-    inside = cycle.points[:, 2] > 0
-    tawss, osi = cycle.history.tawss[inside], cycle.history.osi[inside]
+    tawss, osi = (cycles.wall.point_data[name] for name in ("TAWSS_Pa", "OSI_1"))
     reference = [f.mean for f in found if (f.subject, f.state) == (PULSATILE, "before")]
     steady_text = f"; steady flow at the mean flow gives {reference[0]:.3f} Pa" if reference else ""
-    state = "periodic" if cycle.periodic else f"not periodic within {SAME:.0%}"
-    changes = ", ".join(f"{100 * change:.2g} %" for change in cycle.changes)
+    state = "periodic" if cycles.changes[-1] < SAME else f"not periodic within {SAME:.0%}"
+    changes = ", ".join(f"{100 * change:.2g} %" for change in cycles.changes)
     return (
-        f"![wall shear stress over a cycle](cycle.png)\n\nSubject {PULSATILE} before compression, over cycles whose "
-        "flow is the ensemble mean of noisy breaths found in a synthetic signal: "
-        f"{state}, changes from cycle to cycle {changes}. "
-        f"TAWSS at points of the wall: mean {tawss.mean():.3f}, {tawss.min():.3f} to {tawss.max():.3f} Pa"
+        f"![wall shear stress over a cycle](cycle.png)\n\nSubject {PULSATILE} before compression, over {CYCLES} cycles "
+        "whose flow is the ensemble mean of noisy breaths found in a synthetic signal: "
+        f"{state}, changes of the wall shear stress from cycle to cycle {changes}. "
+        f"TAWSS: mean {mean_over(cycles.wall, 'TAWSS_Pa'):.3f}, {tawss.min():.3f} to {tawss.max():.3f} Pa"
         f"{steady_text}. "
-        f"OSI: mean {osi.mean():.4f}, at most {osi.max():.4f}."
+        f"OSI: mean {mean_over(cycles.wall, 'OSI_1'):.4f}, at most {osi.max():.4f}."
     )

@@ -11,14 +11,17 @@ from netgen.occ import Circle, Face, Glue, OCCGeometry, Pnt, Wire, Z
 from ngfsi_geometry.channel import PlaneMesh, PlaneSection
 from scipy.optimize import brentq
 
-from ngfsi.case import Case, Conditions, Materials
+from ngfsi.case import Case, Conditions, Materials, TimeStepping
+from ngfsi.config.functions import PressureRamp
 from ngfsi.errors import CaseError
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.plane import PlaneSectionProbe
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.outlines.outline import Outline
-from ngfsi.physics.fields import STRETCH
-from ngfsi.solve.statics import equilibrium, load_path, section_case
+from ngfsi.run.observers import volume_fields
+from ngfsi.solve.statics import equilibrium, section_case
+from ngfsi.store.fields import STRESS
+from tests.runs import computed
 from tests.vein import domain_of
 
 LAW = CompressibleNeoHookean(young=12e3, poisson=0.4, density=1060.0)
@@ -92,6 +95,9 @@ def test_ring_around_a_bone(plane_stress: tuple[str, ...]) -> None:
     across = 0.0 if plane_stress else 2 * lame * A
     pressure = PlaneSectionProbe(system).pressure_over("tibia", "tissue")
     assert pressure == pytest.approx(-(in_plane + across) / 3, rel=2e-3)
+    stress = volume_fields(system)[STRESS](system.domain.mesh(12e-3, 5e-3))
+    assert stress[0] + stress[4] == pytest.approx(in_plane, rel=2e-3)
+    assert stress[8] == pytest.approx(across, rel=2e-3, abs=1e-3 * p)
 
 
 def test_pressure_in_a_lumen_widens_it() -> None:
@@ -146,11 +152,16 @@ def test_small_and_finite_strain_agree_for_small_loads_only() -> None:
     assert losses["finite", 4e3] < 0.9 * losses["small", 4e3]
 
 
-def test_load_path_ends_where_equilibrium_does() -> None:
+def test_a_run_ends_where_equilibrium_does() -> None:
+    """Loads that grow over three static steps give the state that they give at once."""
     case = case_of("tibia", skin=4e3)
-    domain = domain_of(case.geometry)
-    *_, last = load_path(case, (0.5, 1.0), domain)
-    assert last.values == pytest.approx(equilibrium(case, domain).values, rel=1e-6, abs=1e-12)
+    ramp = PressureRamp(final=4e3, duration=1.0)
+    time = TimeStepping(scheme="static", step=0.4, end=1.0)
+    followed = computed(case.replace(time=time, **{"loads.skin_pressure": ramp}))
+    at_once = equilibrium(case, domain_of(case.geometry))
+    assert [step.time for step in followed.steps] == pytest.approx([0.4, 0.8, 1.0])
+    assert followed.states[-1] == pytest.approx(at_once.values, rel=1e-6, abs=1e-12)
+    assert followed["skin_area_m2"][-1] == pytest.approx(PlaneSectionProbe(at_once).enclosed_area("skin"), rel=1e-9)
 
 
 def test_refusals() -> None:
