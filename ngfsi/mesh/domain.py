@@ -67,8 +67,7 @@ class Domain:
     @property
     def regions(self) -> tuple[str, ...]:
         """Names of all regions, the solids first."""
-        fluid = self.geometry.fluid
-        return self.geometry.solids if fluid is None else (*self.geometry.solids, fluid)
+        return *self.geometry.solids, *(vessel.lumen for vessel in self.geometry.vessels if vessel.lumen)
 
     @property
     def fluid(self) -> str:

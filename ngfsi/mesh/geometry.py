@@ -20,12 +20,12 @@ class Vessel:
     Attributes:
         name: begins the names of its columns; empty for the first vessel of a geometry.
         lumen: region of the blood; None: a hole, on whose boundary `interface` the blood presses.
-        interface: boundary between blood and wall, which is a rigid one where there is no wall.
+        interface: boundary between blood and wall, which is a rigid one in a geometry without solids.
         wall: region of the wall; None: there is none.
         outer: boundary between wall and tissue; None: there is none.
         inlets, outlets: boundaries of the blood through which it enters and leaves.
-        centreline: points [m] of the straight mesh, from the first inlet to the first outlet, two or more; None: it is
-            found from the mesh.
+        centreline: points [m] of the straight mesh, two or more, along the part of the vessel that is studied, in the
+            direction from the first inlet to the first outlet; None: it is found from the mesh.
         radius: of the lumen [m], as a scale.
     """
 
@@ -47,6 +47,10 @@ class Vessel:
 
 class Geometry(Protocol):
     """What `Domain` needs to know of a geometry; lengths in metres."""
+
+    @property
+    def vessels(self) -> tuple[Vessel, ...]:
+        """Its vessels; the first has the plain names and columns."""
 
     @property
     def solids(self) -> tuple[str, ...]:
@@ -82,8 +86,11 @@ class Geometry(Protocol):
     def size(self) -> float:
         """Length [m] against which displacements are judged: of what the fluid flows through or around."""
 
-    def inflow(self) -> CoefficientFunction:
-        """Return the velocity of unit mean with which the fluid enters through the inlet of the reference shape."""
+    def inflow(self) -> CoefficientFunction | None:
+        """Return the velocity of unit mean with which the fluid enters through the first inlet of the reference shape.
+
+        None: it is not known in closed form, and the developed profile of the inlet's shape is computed.
+        """
 
     def shape_map(self) -> ShapeMap | None:
         """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""
