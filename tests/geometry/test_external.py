@@ -224,6 +224,12 @@ def without(rows: Rows, *names: str) -> Rows:
     return {key: cells for key, cells in rows.items() if key[0] not in names}
 
 
+def middle(domain: Domain, boundary: str) -> list[float]:
+    """Return the centre of a boundary [m]."""
+    moments = (ng.Integrate(axis * domain.ds(boundary), domain.mesh) for axis in (ng.x, ng.y, ng.z))
+    return [moment / domain.area(boundary) for moment in moments]
+
+
 ENDS = ("wall_bottom", "wall_top", "tissue_bottom", "tissue_top")
 
 
@@ -241,6 +247,9 @@ def test_faces_in_no_group_are_inferred_along_any_axis(tmp_path: Path, element: 
         assert after.volume(name) == pytest.approx(before.volume(name), rel=1e-10)
     for name in geometry.boundary_names:
         assert after.area(name) == pytest.approx(before.area(name), rel=1e-10), name
+    for opening, ends in (("inlet", ENDS[::2]), ("outlet", ENDS[1::2])):
+        for name in ends:
+            assert middle(after, name) == pytest.approx(middle(after, opening), rel=2e-2), name
     assert external.length == pytest.approx(geometry.length, rel=1e-10)
     assert external.lumen_radius == pytest.approx(np.sqrt(before.area("inlet") / np.pi), rel=1e-10)
     (vessel,) = external.vessels
