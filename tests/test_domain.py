@@ -95,7 +95,9 @@ class Forgetful(TubeSegment):
 class Promising(TubeSegment):
     """Promises a region that is not there."""
 
-    solids = ("tissue", "wall", "bone")
+    @property
+    def solids(self) -> tuple[str, ...]:
+        return "tissue", "wall", "bone"
 
 
 def test_names_must_be_those_promised() -> None:

@@ -1,4 +1,4 @@
-"""A segment of the calf: one straight deep vein in soft tissue around rigid tibia and fibula.
+"""A segment of the calf: straight deep veins in soft tissue around rigid tibia and fibula.
 
 Axes: x lateral, y anterior, z proximal; the origin is the centre of the circular skin. The defaults draw a section at
 mid-calf. Sizes of vein and segment are those of the source study (12 cm, lumen 11.1 mm, wall 1 mm); bones and skin,
@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import hypot, pi
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from ngfsi.config.model import ConfigModel
+from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.units import Length
 from ngfsi_geometry.plane import Circle
-from ngfsi_geometry.segment import VeinSegment, smooth_step
+from ngfsi_geometry.segment import RoundVein, VeinSegment, smooth_step
 
 STILL = 0.15
 """The taper leaves alone this part of the way from the vein wall, and from each bone, to the skin."""
@@ -25,8 +27,22 @@ SMALLEST_DET = 0.2
 """Least determinant of the taper's map that is accepted."""
 
 
+class CalfVein(ConfigModel):
+    """A further vein beside the first, along z as that."""
+
+    refusal: ClassVar[type[NgfsiError]] = GeometryError
+
+    lumen_diameter: Length = Field(gt=0, description="inner diameter")
+    wall_thickness: Length = Field(1e-3, gt=0, description="thickness of the wall; source study: 1 mm")
+    x: Length = Field(description="lateral position of the axis")
+    y: Length = Field(description="anterior position of the axis")
+
+
 class CalfSegment(VeinSegment):
-    """Calf segment with regions tissue, wall and fluid; the bones are holes with the boundaries tibia and fibula."""
+    """Calf segment with regions tissue, wall and fluid; the bones are holes with the boundaries tibia and fibula.
+
+    Regions and boundaries of further veins end in their number: wall_2, fluid_2, interface_2, inlet_2 and so on.
+    """
 
     vein_x: Length = Field(8e-3, description="lateral position of the vein: just medial to the fibula (peroneal vein)")
     vein_y: Length = Field(-6e-3, description="anterior position of the vein: behind the line through the two bones")
@@ -38,6 +54,15 @@ class CalfSegment(VeinSegment):
     fibula_y: Length = Field(6e-3, description="anterior position of the fibula: behind the tibia")
     skin_radius_distal: Length = Field(55e-3, gt=0, description="skin at z = 0; mid-calf circumference 35 cm")
     skin_radius_proximal: Length = Field(55e-3, gt=0, description="skin at z = length; linear taper between the ends")
+    further_veins: tuple[CalfVein, ...] = ()
+    """Veins beside the first; what else is said of the vein, such as `oval`, is said of the first."""
+
+    @property
+    def veins(self) -> tuple[RoundVein, ...]:
+        """All veins, the first one of `lumen_diameter` at (`vein_x`, `vein_y`)."""
+        further = enumerate(self.further_veins, start=2)
+        others = (RoundVein(k, v.x, v.y, v.lumen_diameter / 2, v.wall_thickness) for k, v in further)
+        return *super().veins, *others
 
     @property
     def skin_radius(self) -> float:
@@ -81,7 +106,7 @@ class CalfSegment(VeinSegment):
     def _weight(self, x: Any, y: Any, clip: Callable[[Any], Any], root: Callable[[Any], Any]) -> Any:
         """Return the share of the taper at (x, y), numbers, arrays or coefficient functions: twice differentiable."""
         weight: Any = 1.0
-        for body in (self.wall_outer, *self.bones):
+        for body in (*self.outer_walls, *self.bones):
             room = self.skin_radius - hypot(body.x, body.y) - body.radius
             distance = root((x - body.x) * (x - body.x) + (y - body.y) * (y - body.y)) - body.radius
             t = clip((distance / room - STILL) / (1 - STILL))

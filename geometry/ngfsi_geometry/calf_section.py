@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
 from ngfsi_geometry.channel import PlaneMesh, PlaneSection
@@ -106,6 +107,17 @@ class CalfSection(PlaneSection):
         return tuple(f"lumen{_suffix(k)}" for k in range(len(self.veins)))
 
     @property
+    def vessels(self) -> tuple[Vessel, ...]:
+        """All veins, which are holes."""
+        return tuple(
+            Vessel(
+                name=f"vein{_suffix(k)}" if k else "", lumen=None, interface=name, outer=f"wall_outer{_suffix(k)}",
+                inlets=(), outlets=(), radius=float(np.sqrt(vein.lumen.area / pi)),
+            )
+            for k, (name, vein) in enumerate(zip(self.lumen_names, self.veins, strict=True))
+        )  # fmt: skip
+
+    @property
     def boundary_names(self) -> tuple[str, ...]:
         """Every boundary the mesh must have."""
         outer = (f"wall_outer{_suffix(k)}" for k in range(len(self.veins)))
@@ -119,7 +131,7 @@ class CalfSection(PlaneSection):
     @property
     def size(self) -> float:
         """Radius [m] of the circle with the area of the first vein's lumen."""
-        return float(np.sqrt(self.veins[0].lumen.area / pi))
+        return self.vessels[0].radius
 
     def inflow(self) -> Any:
         """Return nothing: there is no fluid."""

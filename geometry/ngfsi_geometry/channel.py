@@ -7,6 +7,7 @@ and beam are those of Turek and Hron, "Proposal for numerical benchmarking of fl
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections import defaultdict
 from math import asin, hypot, pi, sqrt
 from typing import Any, ClassVar
@@ -17,6 +18,7 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.units import Length
 from ngfsi_geometry.extrusion import extrude, layer_heights
 from ngfsi_geometry.plane import Circle, Ring, SectionMesh, Side, counter_clockwise
@@ -44,7 +46,7 @@ class CylinderMesh(PlaneMesh):
 
 
 class PlaneSection(ConfigModel):
-    """Base of the plane geometries."""
+    """Base of the plane geometries; those with a fluid have one vessel, whose walls are elastic or rigid."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
     solids: ClassVar[tuple[str, ...]] = ()
@@ -56,6 +58,20 @@ class PlaneSection(ConfigModel):
     def curving_order(self) -> int:
         """Polynomial order of the curved mesh."""
         return self.mesh.curving_order
+
+    @property
+    @abstractmethod
+    def size(self) -> float:
+        """Length [m] against which displacements are judged."""
+
+    @property
+    def vessels(self) -> tuple[Vessel, ...]:
+        """The channel."""
+        if self.fluid is None:
+            return ()
+        solid = next(iter(self.solids), None)
+        interface = "interface" if solid else "walls"
+        return (Vessel(interface=interface, wall=solid, outer=None, radius=self.size),)
 
     @property
     def internal_names(self) -> tuple[str, ...]:

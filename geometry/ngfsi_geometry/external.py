@@ -1,4 +1,4 @@
-"""A user's own mesh of a vein along z, read by meshio (Gmsh, VTU, Abaqus and more), with its groups as checked names.
+"""A user's own mesh of a vessel, read by meshio (Gmsh, VTU, Abaqus and more), with its groups as checked names.
 
 The mesh stays straight between its corners; the middle nodes of second-order cells become the shape map, quadratic on
 each edge as in the cells themselves. Nodes in the middle of faces and cells are not needed for that and left out.
@@ -6,11 +6,12 @@ each edge as in the cells themselves. Nodes in the middle of faces and cells are
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import meshio
 import numpy as np
@@ -21,25 +22,28 @@ from pydantic import Field, model_validator
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError, unknown
 from ngfsi.mesh.curving import EdgeBulges
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.units import to_si
 from ngfsi_geometry.content import check_digest, digest
-from ngfsi_geometry.segment import END_NAMES
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 REGIONS = ("fluid", "wall", "tissue")
 """From inside outwards; faces between two regions have normals out of the former."""
-BOUNDARIES = (
-    "interface",
-    "wall_outer",
-    "tibia",
-    "fibula",
-    "skin",
-    *(name for ends in END_NAMES.values() for name in ends),
-)
-FLAT = 1e-3
-"""Nodes of inlet and outlet may be off their plane by this share of the length."""
+BOUNDARIES = ("interface", "wall_outer", "tibia", "fibula", "skin", "inlet", "outlet", "wall_bottom", "wall_top",
+              "tissue_bottom", "tissue_top")  # fmt: skip
+OPENING = re.compile(r"(inlet|outlet)(?:_([2-9]|[1-9][0-9]+))?")
+"""Further openings have a number."""
+COMMON: dict[tuple[str, ...], str] = {
+    ("fluid", "wall"): "interface",
+    ("fluid", "tissue"): "interface",
+    ("wall", "tissue"): "wall_outer",
+}
+"""Regions on both sides of a face -> its name, if it is in no group."""
+FLAT = 0.015
+"""Nodes of an opening may be off its plane by this share of its radius: normals then differ by parts in a hundred, the
+flow through it by parts in ten thousand."""
 GMSH = "gmsh:physical"
 
 
@@ -95,11 +99,34 @@ class Contents:
     curved: EdgeBulges
 
 
-class ExternalMesh(ConfigModel):
-    """A mesh from a file: regions fluid, wall and tissue, those that it has; blood flows along z.
+class Side(NamedTuple):
+    """One side of a face: region and middle [m] of the cell there, and the face's corners in order."""
 
-    The mesh is moved along z such that it begins at z = 0, with the inlet. The inlet is round: the profile of the flow
-    and the radius of the lumen are those of its circle.
+    region: str
+    centre: Array
+    corners: Indices
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The plane nearest to the nodes of an opening, and the radius [m] of the circle with the opening's area."""
+
+    centre: Array
+    normal: Array
+    radius: float
+
+    def distance(self, points: Array) -> float:
+        """Return the largest distance [m] of points (n, 3) from the plane."""
+        return float(np.max(np.abs((points - self.centre) @ self.normal)))
+
+
+class ExternalMesh(ConfigModel):
+    """A mesh from a file: a vessel along any line, with any number of flat openings, in the coordinates of the file.
+
+    Regions are fluid, wall and tissue, those that the file has. Blood enters through the boundaries inlet, inlet_2 ...
+    and leaves through outlet, outlet_2 ... A face in no group is the interface between blood and a solid, the outer
+    wall between wall and tissue, and an end of wall or tissue in the plane of an inlet (bottom) or of an outlet (top).
+    Without tissue the outer surface of the wall is the skin, on which the pressure from outside acts.
     """
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
@@ -117,26 +144,36 @@ class ExternalMesh(ConfigModel):
     @model_validator(mode="after")
     def _can_be_used(self) -> Self:
         check_digest(self.file, "mesh", self.sha256)
-        known = (*REGIONS, *BOUNDARIES)
-        if wrong := next((name for name in self.names.values() if name not in known), None):
-            raise ValueError(unknown("region or boundary", wrong, known))
+        if wrong := next((n for n in self.names.values() if n not in REGIONS and not _is_boundary(n)), None):
+            raise ValueError(unknown("region or boundary", wrong, (*REGIONS, *BOUNDARIES, "inlet_2", "outlet_2")))
         needed = {"inlet", "outlet", "interface"} if self.fluid else set()
         if missing := sorted(needed - set(self.boundary_names)):
             raise ValueError(
                 f"'{self.file}' has no cells of {', '.join(missing)}: name its groups, which are "
                 f"{', '.join(self._found)}, in `names`"
             )
-        for name, z in (("inlet", 0.0), ("outlet", self.length)) if self.fluid else ():
-            faces = [
-                self._contents.points[corners, 2] for title, _, _, corners in self._contents.faces if title == name
-            ]
-            away = max(float(np.max(np.abs(part - z))) for part in faces)
-            if away > FLAT * self.length:
-                raise ValueError(
-                    f"the {name} of '{self.file}' must be flat at the {'lower' if z == 0 else 'upper'} end along z, a "
-                    f"node is {1e3 * away:.3g} mm away: turn the mesh such that the blood flows along z"
-                )
+        for name in (*self._openings("inlet"), *self._openings("outlet")):
+            self._check_flat(name)
         return self
+
+    def _check_flat(self, name: str) -> None:
+        points, curved = self._contents.points, self._contents.curved
+        faces = [corners for title, _, _, corners in self._contents.faces if title == name]
+        plane, nodes = _plane(points, faces), np.concatenate([part.ravel() for part in faces])
+        here = np.isin(curved.edges, nodes).all(axis=1)
+        middles = points[curved.edges[here]].mean(axis=1) + curved.bulges[here]
+        away = plane.distance(np.vstack([points[nodes], middles]))
+        if away > FLAT * plane.radius:
+            raise ValueError(
+                f"the {name} of '{self.file}' must be flat: a node lies {1e3 * away:.3g} mm off its plane, more than "
+                f"{FLAT:.1%} of its radius of {1e3 * plane.radius:.3g} mm: cut the vessel by a plane there, and give "
+                f"each opening a name of its own ({name}, {name.partition('_')[0]}_2 ...)"
+            )
+
+    def _openings(self, kind: str) -> tuple[str, ...]:
+        """Return the names of the inlets or of the outlets, by their numbers."""
+        found = [match for name in self.boundary_names if (match := OPENING.fullmatch(name)) and match[1] == kind]
+        return tuple(match[0] for match in sorted(found, key=lambda match: int(match[2] or 1)))
 
     @cached_property
     def _raw(self) -> Any:
@@ -183,7 +220,7 @@ class ExternalMesh(ConfigModel):
                 if block.type not in KINDS:
                     raise GeometryError(f"'{self.file}' has cells '{block.type}': mesh with {', '.join(KINDS)}")
                 kind, name = KINDS[block.type], self.names.get(title, title)
-                if name in (REGIONS if kind.dim == 3 else BOUNDARIES):
+                if name in REGIONS if kind.dim == 3 else _is_boundary(name):
                     yield name, kind, np.asarray(block.data[numbers], dtype=np.int64)
 
     @property
@@ -201,6 +238,16 @@ class ExternalMesh(ConfigModel):
         return "fluid" if "fluid" in self._regions else None
 
     @property
+    def vessels(self) -> tuple[Vessel, ...]:
+        """The vessel; none in solids without an interface."""
+        if "interface" not in self.boundary_names:
+            return ()
+        wall = "wall" if "wall" in self._regions else None
+        outer = "wall_outer" if "wall_outer" in self.boundary_names else None
+        inlets, outlets = self._openings("inlet"), self._openings("outlet")
+        return (Vessel(lumen=self.fluid, wall=wall, outer=outer, inlets=inlets, outlets=outlets, radius=self.size),)
+
+    @property
     def curving_order(self) -> int:
         """2 if the file has second-order cells, else 1."""
         return 2 if len(self._contents.curved.edges) else 1
@@ -208,8 +255,7 @@ class ExternalMesh(ConfigModel):
     @property
     def boundary_names(self) -> tuple[str, ...]:
         """Every boundary of the mesh."""
-        there = {name for name, *_ in self._contents.faces}
-        return tuple(name for name in BOUNDARIES if name in there)
+        return tuple(dict.fromkeys(name for name, *_ in self._contents.faces))
 
     @property
     def internal_names(self) -> tuple[str, ...]:
@@ -224,32 +270,32 @@ class ExternalMesh(ConfigModel):
 
     @property
     def length(self) -> float:
-        """Extent [m] along z."""
-        return float(np.ptp(self._contents.points[:, 2]))
+        """Distance [m] of the first inlet and the first outlet; without blood the longest extent of the mesh."""
+        if not self.fluid:
+            return float(np.max(np.ptp(self._contents.points, axis=0)))
+        return float(np.linalg.norm(self._measured["outlet"][1] - self._measured["inlet"][1]))
 
     @cached_property
-    def _ends(self) -> dict[str, tuple[float, float, float]]:
-        """Area [m2] and centre (x, y) [m] of inlet and lower end of the wall, curved edges included."""
+    def _measured(self) -> dict[str, tuple[float, Array]]:
+        """Area [m2] and centre (x, y, z) [m] of first inlet, first outlet and interface, curved edges included."""
         import ngsolve as ng
 
         mesh, shape = self._shaped
         mesh.SetDeformation(shape)
         found = {}
-        for name in {"inlet", "wall_bottom"} & set(self.boundary_names):
+        for name in {"inlet", "outlet", "interface"} & set(self.boundary_names):
             over = ng.ds(definedon=mesh.Boundaries(name), bonus_intorder=4)
-            area, x, y = (float(ng.Integrate(value * over, mesh)) for value in (ng.CF(1.0), ng.x, ng.y))
-            found[name] = area, x / area, y / area
+            area, *moments = (float(ng.Integrate(value * over, mesh)) for value in (ng.CF(1.0), ng.x, ng.y, ng.z))
+            found[name] = area, np.array(moments) / area
         mesh.UnsetDeformation()
         return found
 
     @property
     def size(self) -> float:
-        """Radius [m] of the circle with the area of the inlet; without blood half of the mesh's width."""
-        return (
-            float(np.sqrt(self._ends["inlet"][0] / pi))
-            if self.fluid
-            else float(np.ptp(self._contents.points[:, 0])) / 2
-        )
+        """Radius [m] of the circle with the area of the first inlet; without blood half of the mesh's least extent."""
+        if not self.fluid:
+            return float(np.min(np.ptp(self._contents.points, axis=0))) / 2
+        return float(np.sqrt(self._measured["inlet"][0] / pi))
 
     @property
     def lumen_radius(self) -> float:
@@ -258,21 +304,20 @@ class ExternalMesh(ConfigModel):
 
     @property
     def wall_thickness(self) -> float:
-        """Thickness [m] of the ring with the area of the wall's lower end; 0 without one."""
-        area = self._ends["wall_bottom"][0] if "wall_bottom" in self._ends else 0.0
-        return float(np.sqrt(self.size**2 + area / pi)) - self.size
+        """Thickness [m] of a round wall with the volume and the inner area of this one; 0 without a wall."""
+        if "wall" not in self._regions or "interface" not in self._measured:
+            return 0.0
+        mean = self.exact_volumes()["wall"] / self._measured["interface"][0]
+        return self.size * (float(np.sqrt(1 + 2 * mean / self.size)) - 1)
 
     @property
     def vein_centre(self) -> tuple[float, float]:
-        """Position (x, y) of the inlet's centre [m]."""
-        return self._ends["inlet"][1:]
+        """Position (x, y) of the first inlet's centre [m]."""
+        x, y, _ = self._measured["inlet"][1].tolist()
+        return x, y
 
-    def inflow(self) -> Any:
-        """Return the developed velocity of unit mean through a round inlet."""
-        from ngsolve import CF, x, y
-
-        x0, y0 = self.vein_centre
-        return CF((0, 0, 2 * (1 - ((x - x0) ** 2 + (y - y0) ** 2) / self.size**2)))
+    def inflow(self) -> None:
+        """Return nothing: the developed profile in an inlet of any shape is found on the mesh."""
 
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of each region as the cells of the file have it."""
@@ -323,6 +368,21 @@ class ExternalMesh(ConfigModel):
         return mesh
 
 
+def _is_boundary(name: str) -> bool:
+    return name in BOUNDARIES or OPENING.fullmatch(name) is not None
+
+
+def _plane(points: Array, faces: Iterable[Indices]) -> Plane:
+    """Return the plane through faces (m, 3 or 4), by least squares of the distances of their nodes."""
+    parts = [points[corners] for corners in faces]
+    nodes = points[np.unique(np.concatenate([corners.ravel() for corners in faces]))]
+    centre = nodes.mean(axis=0)
+    normal = np.linalg.svd(nodes - centre, full_matrices=False)[2][-1]
+    fans = (np.cross(part[:, 1:-1] - part[:, :1], part[:, 2:] - part[:, :1]) for part in parts)
+    area = sum(float(np.sum(np.linalg.norm(fan, axis=-1))) / 2 for fan in fans)
+    return Plane(centre, normal, float(np.sqrt(area / pi)))
+
+
 def _top(kind: Kind, corners: Indices) -> Indices:
     top = corners[:, kind.base :]
     return top[:, ::-1] if top.shape[1] > 1 else top
@@ -339,7 +399,6 @@ def _contents(raw: Any, groups: Iterator[tuple[str, Kind, Indices]], scale: floa
     new = np.full(len(nodes), -1)
     new[used] = np.arange(len(used))
     points = nodes[used]
-    points[:, 2] -= points[:, 2].min()
     cells = tuple((name, kind, _positive(points, kind, new[n[:, : kind.corners]])) for name, kind, n in bodies)
     surfaces = [(name, new[n[:, : kind.corners]]) for name, kind, n in named if kind.dim == 2]
     return Contents(points, cells, _faces(points, cells, surfaces, file), _bulges(nodes, new, bodies))
@@ -355,32 +414,69 @@ def _positive(points: Array, kind: Kind, corners: Indices) -> Indices:
 
 
 def _faces(points: Array, cells: Any, surfaces: Any, file: str) -> tuple[tuple[str, str, str | None, Indices], ...]:
-    """Return the named faces with the regions on their sides; refuse outer or common faces without a name."""
-    sides: dict[tuple[int, ...], list[tuple[str, Array]]] = {}
-    for region, kind, corners in cells:
-        centres = points[corners].mean(axis=1)
-        for local in kind.faces:
-            for key, centre in zip(map(tuple, np.sort(corners[:, local], axis=1).tolist()), centres, strict=True):
-                sides.setdefault(key, []).append((region, centre))
-    found: dict[tuple[str, str, str | None, int], list[Indices]] = {}
+    """Return the faces of all boundaries with the regions on their sides; refuse those whose name nothing tells."""
+    sides = _sides(points, cells)
+    named: list[tuple[str, Indices, list[Side]]] = []
     for name, corners in surfaces:
         for face in corners:
-            beside = sorted(sides.pop(tuple(sorted(face.tolist())), []), key=lambda side: REGIONS.index(side[0]))
+            beside = sides.pop(tuple(sorted(face.tolist())), [])
             if not beside:
                 raise GeometryError(f"'{file}': a face of '{name}' is no face of a cell, or has two names")
-            a, b, c = points[face[:3]]
-            forwards = np.dot(np.cross(b - a, c - a), points[face].mean(axis=0) - beside[0][1]) > 0
-            before = beside[1][0] if len(beside) > 1 else None
-            found.setdefault((name, beside[0][0], before, len(face)), []).append(face if forwards else face[::-1])
-    for key, beside in sides.items():
-        if len({region for region, _ in beside}) > 1 or len(beside) == 1:
-            place = ", ".join(f"{1e3 * x:.3g}" for x in points[list(key)].mean(axis=0))
-            between = " and ".join(region for region, _ in beside) + (" and outside" if len(beside) == 1 else "")
-            raise GeometryError(
-                f"'{file}': a face between {between} near ({place}) mm has no name of a boundary: put it into one of "
-                f"{', '.join(BOUNDARIES)}"
-            )
+            named.append((name, face, beside))
+    planes = _planes(points, surfaces)
+    for beside in sides.values():
+        if len(beside) == 1 or beside[0].region != beside[1].region:
+            face = beside[0].corners
+            named.append((_inferred([side.region for side in beside], points[face], planes, file), face, beside))
+    bare = all(region != "tissue" for region, *_ in cells)
+    found: dict[tuple[str, str, str | None, int], list[Indices]] = {}
+    for name, face, beside in named:
+        a, b, c = points[face[:3]]
+        forwards = np.dot(np.cross(b - a, c - a), points[face].mean(axis=0) - beside[0].centre) > 0
+        before = beside[1].region if len(beside) > 1 else None
+        title = "skin" if bare and name == "wall_outer" and before is None else name
+        found.setdefault((title, beside[0].region, before, len(face)), []).append(face if forwards else face[::-1])
     return tuple((name, behind, before, np.array(faces)) for (name, behind, before, _), faces in found.items())
+
+
+def _sides(points: Array, cells: Any) -> dict[tuple[int, ...], list[Side]]:
+    """Return the one or two sides of each face of the cells, that of the inner region first, by its sorted corners."""
+    sides: dict[tuple[int, ...], list[Side]] = {}
+    for region, kind, corners in sorted(cells, key=lambda cell: REGIONS.index(cell[0])):
+        centres = points[corners].mean(axis=1)
+        for local in kind.faces:
+            faces = corners[:, local]
+            for key, centre, face in zip(map(tuple, np.sort(faces, axis=1).tolist()), centres, faces, strict=True):
+                sides.setdefault(key, []).append(Side(region, centre, face))
+    return sides
+
+
+def _planes(points: Array, surfaces: Any) -> list[tuple[str, Plane]]:
+    """Return the planes of the openings, each with the side of the vessel on which it lies."""
+    openings: dict[str, list[Indices]] = {}
+    for name, corners in surfaces:
+        if OPENING.fullmatch(name):
+            openings.setdefault(name, []).append(corners)
+    return [("bottom" if n.startswith("inlet") else "top", _plane(points, part)) for n, part in openings.items()]
+
+
+def _inferred(regions: list[str], corners: Array, planes: list[tuple[str, Plane]], file: str) -> str:
+    """Return the name of a face in no group, by the regions on its sides and the planes in which it lies.
+
+    Raises:
+        GeometryError: they do not tell.
+    """
+    if (name := COMMON.get(tuple(regions))) is not None:
+        return name
+    ends = {side for side, plane in planes if plane.distance(corners) <= FLAT * plane.radius}
+    if regions != ["fluid"] and len(ends) == 1:
+        return f"{regions[0]}_{ends.pop()}"
+    place = ", ".join(f"{1e3 * x:.3g}" for x in corners.mean(axis=0))
+    between = " and ".join(regions) + (" and outside" if len(regions) == 1 else "")
+    raise GeometryError(
+        f"'{file}': a face between {between} near ({place}) mm has no name of a boundary: put it into one of "
+        f"{', '.join(BOUNDARIES)}"
+    )
 
 
 def _edges_in(nodes: Array, kind: Kind, cells: Indices) -> tuple[tuple[int, int], ...]:

@@ -19,7 +19,7 @@ from scipy.ndimage import binary_dilation, binary_fill_holes, binary_opening, ga
 from scipy.optimize import brentq
 
 from ngfsi.errors import GeometryError, unknown
-from ngfsi.outlines.outline import Outline
+from ngfsi.outlines.outline import Outline, polygon_area
 from ngfsi.units import from_si, to_si
 from ngfsi_geometry.calf_section import COMPARTMENTS, NARROWEST_GAP, CalfSection, Vein
 from ngfsi_geometry.lofted import LoftedVein
@@ -364,7 +364,7 @@ class LabelMap:
 
         target = float(mask.sum()) * self._pixel_area
         top = float(grey.max())
-        level = brentq(lambda share: _polygon_area(longest(share * top)) - target, 0.1, 0.9, xtol=1e-6)
+        level = brentq(lambda share: polygon_area(longest(share * top)) - target, 0.1, 0.9, xtol=1e-6)
         ring = longest(level * top)[:-1]
         arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(np.vstack([ring, ring[:1]]), axis=0).T))]
         count = int(np.clip(arc[-1] / max(dx, dy), FEWEST_POINTS, MOST_POINTS))
@@ -382,11 +382,6 @@ class LabelMap:
                         f"{from_si(wall_thickness, 'mm'):.2g} mm need {from_si(needed, 'mm'):.2g} mm: choose a smaller "
                         "wall_thickness or give both the same label"
                     )
-
-
-def _polygon_area(ring: Array) -> float:
-    x, y = ring.T
-    return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
 
 
 def read_image(path: Path) -> Any:

@@ -16,11 +16,13 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
 from ngfsi_geometry.extrusion import extrude
 from ngfsi_geometry.loft import Loft, coefficients
 from ngfsi_geometry.plane import Circle, Ring, SectionMesh, even_angles, fill_vein
+from ngfsi_geometry.segment import smooth_step
 
 Array = NDArray[np.float64]
 
@@ -84,6 +86,13 @@ class LoftedVein(ConfigModel):
         return self.inlet_diameters * 2 * self.size
 
     @property
+    def vessels(self) -> tuple[Vessel, ...]:
+        """The vein; its line is that of the stack, without the inlet, along which sections of the tube stay plane."""
+        ends = self.inlet_length, self.inlet_length + self.length
+        line = (0.0, 0.0, ends[0]), (0.0, 0.0, ends[1])
+        return (Vessel(wall=None, outer=None, centreline=line, radius=self.size),)
+
+    @property
     def rigid_names(self) -> tuple[str, ...]:
         """Boundaries that are fixed in space."""
         return ("interface",)
@@ -118,7 +127,9 @@ class LoftedVein(ConfigModel):
         circle[self.modes], circle[self.modes + 1] = complex(*self.outlines[0].centroid), self.size
         start, extent = self.heights[0], self.inlet_length
         # round for a third of the inlet, then over to the first section's shape by two thirds
-        before = [(start - extent * (1 - s), _smooth(3 * s - 1)) for s in np.linspace(0, 1, 25)[:-1]]
+        before = [
+            (start - extent * (1 - s), smooth_step(min(max(3 * s - 1, 0.0), 1.0))) for s in np.linspace(0, 1, 25)[:-1]
+        ]
         z = np.array([place for place, _ in before] + list(self.heights))
         return Loft(z, [(1 - share) * circle + share * stack[0] for _, share in before] + stack)
 
@@ -154,13 +165,8 @@ class LoftedVein(ConfigModel):
         rim = Ring(wall, np.arange(len(angles), dtype=np.int32), self.fluid, None)
         outline = SectionMesh(wall.points(angles), [], [rim])
         layers = [(Circle("lumen_layer", 0.0, 0.0, f * self.size), self.fluid) for f in self.mesh.lumen_radii]
-        section = fill_vein(outline, layers, self.fluid, split=False)
+        section = fill_vein(outline, wall.name, layers, self.fluid, split=False)
         start, first = self.heights[0] - self.inlet_length, self.heights[0]
         inlet = np.linspace(start, first, self.mesh.inlet_layers + 1)[:-1]
         heights = np.r_[inlet, np.linspace(first, self.heights[-1], self.mesh.layers + 1)]
         return extrude(section, heights - start, {self.fluid: ("inlet", "outlet")}, split=False)
-
-
-def _smooth(t: float) -> float:
-    t = min(max(t, 0.0), 1.0)
-    return t * t * t * (10 - 15 * t + 6 * t * t)

@@ -22,6 +22,7 @@ from pydantic import Field, model_validator
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.mesh.curving import BoundaryMotion
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
 from ngfsi_geometry.calf import CalfSegment
@@ -37,8 +38,6 @@ FEWEST = 4
 """Outlines that a stack needs."""
 GAP = 2e-3
 """Between the circles of the straight segment, at least [m]; they are made smaller where outlines are nearer."""
-RIM_POINTS = 256
-PROFILE_DEGREE = 12
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,6 @@ class CalfLoft(ConfigModel):
     """Calf segment through outlines; regions and boundaries as of the geometry calf."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
-    solids: ClassVar[tuple[str, ...]] = CalfSegment.solids
     fluid: ClassVar[str] = CalfSegment.fluid
 
     wall_thickness: Length = Field(1e-3, gt=0, description="thickness of the vein wall; source study: 1 mm")
@@ -170,6 +168,16 @@ class CalfLoft(ConfigModel):
         return self.straight.vein_centre
 
     @property
+    def solids(self) -> tuple[str, ...]:
+        """Names of the regions of the solids."""
+        return self.straight.solids
+
+    @property
+    def vessels(self) -> tuple[Vessel, ...]:
+        """The vein, in the straight mesh."""
+        return tuple(replace(vessel, radius=self.lumen_radius) for vessel in self.straight.vessels)
+
+    @property
     def rigid_names(self) -> tuple[str, ...]:
         """Boundaries that are fixed in space: the bones."""
         return self.straight.rigid_names
@@ -217,28 +225,8 @@ class CalfLoft(ConfigModel):
             motions[name] = ng.CF((x - ng.x, y - ng.y, 0.0)).Compile()
         return BoundaryMotion(motions)
 
-    def inflow(self) -> Any:
-        """Return the velocity of unit mean of developed flow in a vein of the inlet's section.
-
-        -r^2 / 4 and harmonic polynomials that cancel it on the outline solve Poisson's equation (Trefftz's method).
-        """
-        import ngsolve as ng
-
-        row = self._lofts["interface"].at(np.zeros(1))[0]
-        modes, middle = self.modes, row[self.modes]
-        radius = abs(row[modes + 1])
-        turns = 2 * pi * np.arange(RIM_POINTS) / RIM_POINTS
-        rim = np.exp(1j * np.outer(turns, np.arange(-modes, modes + 1))) @ (row / radius) - middle / radius
-        powers = rim[:, None] ** np.arange(PROFILE_DEGREE + 1)
-        columns = np.hstack([powers.real, -powers.imag[:, 1:]])
-        found = np.linalg.lstsq(columns, np.abs(rim) ** 2 / 4, rcond=None)[0]
-        shares = found[: PROFILE_DEGREE + 1] + 1j * np.r_[0.0, found[PROFILE_DEGREE + 1 :]]
-        u, v = (ng.x - middle.real) / radius, (ng.y - middle.imag) / radius
-        profile, power = -(u * u + v * v) / 4, (ng.CF(1.0), ng.CF(0.0))
-        for share in shares:
-            profile += float(share.real) * power[0] - float(share.imag) * power[1]
-            power = (power[0] * u - power[1] * v, power[0] * v + power[1] * u)
-        return ng.CF((0, 0, profile / _mean_inside(rim, shares)))
+    def inflow(self) -> None:
+        """Return nothing: the developed profile in a section of any shape is found on the mesh."""
 
 
 class LoftedCalf(CalfLoft):
@@ -268,18 +256,3 @@ def _share(inner: list[Circle], skin: Circle) -> float:
     shares = [(hypot(a.x - b.x, a.y - b.y) - GAP) / (a.radius + b.radius) for a, b in combinations(inner, 2)]
     shares += [(skin.radius - hypot(a.x - skin.x, a.y - skin.y) - GAP) / a.radius for a in inner]
     return min(1.0, *shares)
-
-
-def _mean_inside(rim: Complex, shares: Complex) -> float:
-    """Return the mean of -r^2 / 4 + Re sum c_n z^n inside of a closed curve through points, by Green's formula.
-
-    The integral of r^2 is that of (x^3 / 3 + x y^2) dy, that of z^n is that of z^(n+1) / (n + 1) dy.
-    """
-    waves = np.fft.fft(rim)
-    orders = np.fft.fftfreq(len(rim), 1 / len(rim))
-    step = np.fft.ifft(1j * orders * waves).imag * 2 * pi / len(rim)
-    area = float(np.sum(rim.real * step))
-    squares = float(np.sum((rim.real**3 / 3 + rim.real * rim.imag**2) * step))
-    degrees = np.arange(len(shares))
-    whole = np.sum((rim[:, None] ** (degrees + 1) / (degrees + 1) * step[:, None]) @ shares)
-    return float(whole.real - squares / 4) / area

@@ -1,4 +1,4 @@
-"""Meshes of a plane section bounded by circles and straight sides: triangulated tissue, a vein filled ring by ring."""
+"""Meshes of a plane section bounded by circles and straight sides: triangulated tissue, veins filled ring by ring."""
 
 from __future__ import annotations
 
@@ -120,18 +120,22 @@ def counter_clockwise(points: Points, triangles: Indices) -> Indices:
     return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
 
 
-def fill_vein(tissue: SectionMesh, layers: Sequence[tuple[Circle, str]], core: str, split: bool) -> SectionMesh:
-    """Fill the innermost hole of a section with concentric layers and a core.
+def fill_vein(
+    section: SectionMesh, hole: str, layers: Sequence[tuple[Circle, str]], core: str, split: bool
+) -> SectionMesh:
+    """Fill a hole of a section with concentric layers and a core.
 
     Args:
-        tissue: its last ring is the outer wall of the vein.
+        section: has a ring around the hole, which is the outer wall of a vein.
+        hole: name of the ring's circle.
         layers: circles from outside inwards, each with the material between it and the circle before it.
         core: material inside the last circle.
         split: layers of triangles instead of quadrilaterals.
     """
-    *rings, rim = tissue.rings
-    cells, points = list(tissue.cells), [tissue.points]
-    angles, count = rim.circle.angles(tissue.points[rim.nodes]), len(tissue.points)
+    (rim,) = (ring for ring in section.rings if ring.circle.name == hole)
+    rings = [ring for ring in section.rings if ring is not rim]
+    cells, points = list(section.cells), [section.points]
+    angles, count = rim.circle.angles(section.points[rim.nodes]), len(section.points)
     circle, nodes, outside = rim.circle, rim.nodes, rim.outside
     for inner, material in layers:
         rings.append(Ring(circle, nodes, material, outside))

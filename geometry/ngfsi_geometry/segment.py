@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 from math import ceil, cos, hypot, pi, sin, sqrt
 from typing import Any, ClassVar, Literal
@@ -13,16 +14,12 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.units import Angle, Length
 from ngfsi_geometry.extrusion import extrude, layer_heights
 from ngfsi_geometry.plane import Circle, SectionMesh, even_angles, fill_vein, triangulate
 
-END_NAMES = {
-    "fluid": ("inlet", "outlet"),
-    "wall": ("wall_bottom", "wall_top"),
-    "tissue": ("tissue_bottom", "tissue_top"),
-}
-"""Region -> boundary names of its faces at z = 0 and z = length."""
+TISSUE_ENDS = ("tissue_bottom", "tissue_top")
 
 SIZE_FACTORS = (1.0, 0.93, 1.08, 0.8)
 """Factors on the element sizes to be tried in turn if the mesher fails."""
@@ -73,11 +70,67 @@ class MeshSettings(ConfigModel):
         return self
 
 
+@dataclass(frozen=True)
+class RoundVein:
+    """A vein of circular section along z.
+
+    Attributes:
+        number: 1 for the first of a segment, which has the plain names; the names of others end in it.
+        x, y: position of its axis [m].
+        lumen_radius, wall_thickness: [m].
+    """
+
+    number: int
+    x: float
+    y: float
+    lumen_radius: float
+    wall_thickness: float
+
+    def named(self, part: str) -> str:
+        """Return the name of a part of this vein."""
+        return part if self.number == 1 else f"{part}_{self.number}"
+
+    def circle(self, name: str, radius: float) -> Circle:
+        """Return a circle around the axis."""
+        return Circle(name, self.x, self.y, radius)
+
+    @property
+    def interface(self) -> Circle:
+        """Inner surface of the wall."""
+        return self.circle(self.named("interface"), self.lumen_radius)
+
+    @property
+    def wall_outer(self) -> Circle:
+        """Outer surface of the wall."""
+        return self.circle(self.named("wall_outer"), self.lumen_radius + self.wall_thickness)
+
+    @property
+    def ends(self) -> dict[str, tuple[str, str]]:
+        """Region -> boundary names of its faces at z = 0 and z = length."""
+        pairs = {"fluid": ("inlet", "outlet"), "wall": ("wall_bottom", "wall_top")}
+        return {self.named(region): (self.named(low), self.named(high)) for region, (low, high) in pairs.items()}
+
+    def layers(self, mesh: MeshSettings) -> list[tuple[Circle, str]]:
+        """Return the circles inside the outer wall surface, from outside inwards, with the region outside each."""
+        fractions = np.arange(mesh.wall_layers - 1, 0, -1) / mesh.wall_layers
+        wall = [self.circle("wall_layer", self.lumen_radius + f * self.wall_thickness) for f in fractions]
+        lumen = [self.circle("lumen_layer", f * self.lumen_radius) for f in mesh.lumen_radii]
+        return [(c, self.named("wall")) for c in (*wall, self.interface)] + [(c, self.named("fluid")) for c in lumen]
+
+    def vessel(self, length: float, outer: bool) -> Vessel:
+        """Return what a geometry says of this vein; outer: whether there is tissue around it."""
+        return Vessel(
+            name="" if self.number == 1 else f"vein_{self.number}", lumen=self.named("fluid"),
+            interface=self.interface.name, wall=self.named("wall"), outer=self.wall_outer.name if outer else None,
+            inlets=(self.named("inlet"),), outlets=(self.named("outlet"),),
+            centreline=((self.x, self.y, 0.0), (self.x, self.y, length)), radius=self.lumen_radius,
+        )  # fmt: skip
+
+
 class VeinSegment(ConfigModel):
     """A straight vein in a cylinder of tissue, from z = 0 (inlet) to z = length (outlet); base of the builders."""
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
-    solids: ClassVar[tuple[str, ...]] = ("tissue", "wall")
     fluid: ClassVar[str] = "fluid"
 
     length: Length = Field(120e-3, gt=0, description="length of the segment; source study: 12 cm")
@@ -103,6 +156,21 @@ class VeinSegment(ConfigModel):
     def bones(self) -> tuple[Circle, ...]:
         """Cross-sections of the rigid bones."""
         return ()
+
+    @property
+    def veins(self) -> tuple[RoundVein, ...]:
+        """All veins, the first one of `lumen_diameter` at (`vein_x`, `vein_y`)."""
+        return (RoundVein(1, self.vein_x, self.vein_y, self.lumen_radius, self.wall_thickness),)
+
+    @property
+    def vessels(self) -> tuple[Vessel, ...]:
+        """All veins."""
+        return tuple(vein.vessel(self.length, "tissue" in self.solids) for vein in self.veins)
+
+    @property
+    def solids(self) -> tuple[str, ...]:
+        """Names of the regions of the solids."""
+        return "tissue", *(vein.named("wall") for vein in self.veins)
 
     @property
     def lumen_radius(self) -> float:
@@ -144,14 +212,26 @@ class VeinSegment(ConfigModel):
 
     @property
     def wall_outer(self) -> Circle:
-        """Outer surface of the vein wall."""
-        return self._around_vein("wall_outer", self.lumen_radius + self.wall_thickness)
+        """Outer surface of the first vein's wall."""
+        return self.veins[0].wall_outer
+
+    @property
+    def outer_walls(self) -> tuple[Circle, ...]:
+        """Outer surfaces of the walls of all veins."""
+        return tuple(vein.wall_outer for vein in self.veins)
+
+    @property
+    def ends(self) -> dict[str, tuple[str, str]]:
+        """Region -> boundary names of its faces at z = 0 and z = length."""
+        tissue = {"tissue": TISSUE_ENDS} if "tissue" in self.solids else {}
+        return {region: pair for vein in self.veins for region, pair in vein.ends.items()} | tissue
 
     @property
     def boundary_names(self) -> tuple[str, ...]:
         """Every boundary the mesh must have, curved ones first."""
-        ends = [name for pair in END_NAMES.values() for name in pair]
-        return ("skin", *(bone.name for bone in self.bones), "wall_outer", "interface", *ends)
+        outer = self.outer_walls if "tissue" in self.solids else ()
+        around = (self.skin, *self.bones, *outer, *(vein.interface for vein in self.veins))
+        return *(circle.name for circle in around), *(name for pair in self.ends.values() for name in pair)
 
     @property
     def internal_names(self) -> tuple[str, ...]:
@@ -184,17 +264,21 @@ class VeinSegment(ConfigModel):
         return c * x + s * y, c * y - s * x
 
     def _room(self) -> float:
-        """Return the smallest distance [m] of the vein's wall from bones and skin."""
-        return min(_gap(self.wall_outer, other) for other in (*self.bones, self.skin))
+        """Return the smallest distance [m] of the first vein's wall from what is around it."""
+        return min(_gap(self.wall_outer, other) for other in (*self.outer_walls[1:], *self.bones, self.skin))
 
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of each region."""
-        area = {c.name: pi * c.radius**2 for c in (self.wall_outer, *self.bones)}
-        ellipse = 1 - (self.oval / self.lumen_radius) ** 2
-        area["wall_outer"] *= ellipse
-        lumen = pi * self.lumen_radius**2 * ellipse
-        tissue = self.skin_volume() - sum(area.values()) * self.length
-        return {"tissue": tissue, "wall": (area["wall_outer"] - lumen) * self.length, "fluid": lumen * self.length}
+        found: dict[str, float] = {}
+        holes = []
+        for vein in self.veins:
+            ellipse = 1 - (self.oval / self.lumen_radius) ** 2 if vein.number == 1 else 1.0
+            lumen, outer = (pi * circle.radius**2 * ellipse for circle in (vein.interface, vein.wall_outer))
+            found |= {vein.named("wall"): (outer - lumen) * self.length, vein.named("fluid"): lumen * self.length}
+            holes.append(outer)
+        holes += [pi * bone.radius**2 for bone in self.bones]
+        tissue = {"tissue": self.skin_volume() - sum(holes) * self.length} if "tissue" in self.solids else {}
+        return tissue | found
 
     def skin_volume(self) -> float:
         """Return the volume [m3] inside the skin."""
@@ -212,33 +296,38 @@ class VeinSegment(ConfigModel):
             return self._mesh_of_solids()
         heights = layer_heights(self.length, self.mesh.axial_layers, self.mesh.end_refinement)
         section = self._section(SIZE_FACTORS[attempt])
-        return extrude(section, heights, END_NAMES, split=self.mesh.element == "tetrahedron")
+        return extrude(section, heights, self.ends, split=self.mesh.element == "tetrahedron")
 
     def _section(self, factor: float) -> SectionMesh:
         """Return the mesh of the cross-section, its element sizes multiplied by a factor."""
         far, near = self.mesh.far_size * factor, self.mesh.vein_size * factor
-        layers = self._vein_layers()
-        loops = [(circle, even_angles(self._segments(circle, near, far))) for circle in (*self.bones, self.skin)]
-        around = even_angles(self._vein_segments(near, [self.wall_outer, *(circle for circle, _ in layers)]))
-        tissue = triangulate("tissue", [(self.wall_outer, around), *loops], far)
-        return fill_vein(tissue, layers, self.fluid, split=self.mesh.element != "mixed")
+        loops = [(vein.wall_outer, even_angles(self._vein_segments(vein, near))) for vein in self.veins]
+        loops += [(circle, even_angles(self._segments(circle, near, far))) for circle in (*self.bones, self.skin)]
+        section = triangulate("tissue", loops, far)
+        for vein in self.veins:
+            section = self._filled(section, vein, vein.wall_outer.name)
+        return section
+
+    def _filled(self, section: SectionMesh, vein: RoundVein, hole: str) -> SectionMesh:
+        """Return a section with a vein in its hole."""
+        return fill_vein(section, hole, vein.layers(self.mesh), vein.named("fluid"), self.mesh.element != "mixed")
 
     def _mesh_of_solids(self) -> Any:
         from ngfsi_geometry.csg import mesh_of_solids  # with Netgen's CSG, which nothing else needs
 
-        lumen, tissue = self._around_vein("interface", self.lumen_radius), "tissue" in self.solids
-        regions = {self.fluid: (lumen, ()), "wall": (self.wall_outer if tissue else self.skin, (lumen,))}
+        tissue = "tissue" in self.solids
+        regions: dict[str, tuple[Circle, Sequence[Circle]]] = {}
+        for vein in self.veins:
+            regions[vein.named("fluid")] = (vein.interface, ())
+            regions[vein.named("wall")] = (vein.wall_outer if tissue else self.skin, (vein.interface,))
         if tissue:
-            regions["tissue"] = (self.skin, (self.wall_outer, *self.bones))
-        return mesh_of_solids(regions, END_NAMES, self.length)
-
-    def _around_vein(self, name: str, radius: float) -> Circle:
-        return Circle(name, self.vein_x, self.vein_y, radius)
+            regions["tissue"] = (self.skin, (*self.outer_walls, *self.bones))
+        return mesh_of_solids(regions, self.ends, self.length)
 
     @model_validator(mode="after")
     def _check_positions(self) -> VeinSegment:
         """Refuse parts that overlap, leave the skin or nearly touch."""
-        inner = (self.wall_outer, *self.bones)
+        inner = (*self.outer_walls, *self.bones)
         gaps = [(a, b, hypot(a.x - b.x, a.y - b.y) - a.radius - b.radius) for a, b in combinations(inner, 2)]
         gaps += [(a, self.skin, self.skin_radius - hypot(a.x, a.y) - a.radius) for a in inner]
         for a, b, gap in gaps:
@@ -262,33 +351,30 @@ class VeinSegment(ConfigModel):
     @model_validator(mode="after")
     def _check_sizes(self) -> VeinSegment:
         """Refuse elements so small that no computer could hold them."""
-        for circle, size in ((self.skin, self.mesh.far_size), (self.wall_outer, self.mesh.vein_size)):
+        veins = [(circle, self.mesh.vein_size) for circle in self.outer_walls]
+        for circle, size in ((self.skin, self.mesh.far_size), *veins):
             if 2 * pi * circle.radius > MOST_EDGES * size:
                 raise ValueError(f"elements of {size * 1e3:.3g} mm would be more than {MOST_EDGES:,} edges on a circle")
         return self
 
-    def _vein_segments(self, size: float, circles: Sequence[Circle]) -> int:
-        """Return the (even) number of edges around the vein: short enough for arcs to stay within thin layers."""
-        segments = 2 * pi * self.lumen_radius / size
+    def _vein_segments(self, vein: RoundVein, size: float) -> int:
+        """Return the (even) number of edges around a vein: short enough for arcs to stay within thin layers."""
+        outer = vein.wall_outer
+        size = min([size, *(2 * _gap(outer, other) for other in self.outer_walls if other != outer)])
+        segments = 2 * pi * vein.lumen_radius / size
         if self.mesh.element != "mixed":
             # in a layer of thickness t on radius r, the diagonal of an edge clears the arc if t / r > 2 (pi / n)^2
+            circles = [outer, *(circle for circle, _ in vein.layers(self.mesh))]
             thinnest = min((outer.radius - inner.radius) / inner.radius for outer, inner in pairwise(circles))
             segments = max(segments, pi * sqrt(3 / thinnest))
         return 2 * max(4, ceil(segments / 2))
 
     def _segments(self, circle: Circle, near: float, far: float) -> int:
-        """Return the number of edges on a circle: elements grow with the distance to the vein, gaps are resolved."""
-        others = [c for c in (self.skin, *self.bones, self.wall_outer) if c != circle]
-        size = min(far, near + 0.5 * _gap(circle, self.wall_outer), *(2 * _gap(circle, c) for c in others))
+        """Return the number of edges on a circle: elements grow with the distance to veins, gaps are resolved."""
+        others = [c for c in (self.skin, *self.bones, *self.outer_walls) if c != circle]
+        to_vein = min(_gap(circle, outer) for outer in self.outer_walls)
+        size = min(far, near + 0.5 * to_vein, *(2 * _gap(circle, c) for c in others))
         return max(8, ceil(2 * pi * circle.radius / size))
-
-    def _vein_layers(self) -> list[tuple[Circle, str]]:
-        """Return the circles inside the outer wall surface with the material outside each."""
-        fractions = np.arange(self.mesh.wall_layers - 1, 0, -1) / self.mesh.wall_layers
-        wall = [self._around_vein("wall_layer", self.lumen_radius + f * self.wall_thickness) for f in fractions]
-        interface = self._around_vein("interface", self.lumen_radius)
-        lumen = [self._around_vein("lumen_layer", f * self.lumen_radius) for f in self.mesh.lumen_radii]
-        return [(c, "wall") for c in (*wall, interface)] + [(c, self.fluid) for c in lumen]
 
 
 def smooth_step(t: Any) -> Any:
@@ -303,7 +389,7 @@ def _gap(a: Circle, b: Circle) -> float:
 
 
 def _collision(a: Circle, b: Circle, gap: float) -> str:
-    parts = f"{'vein wall' if a.name == 'wall_outer' else a.name} and {b.name}"
+    parts = f"{a.name} and {b.name}".replace("wall_outer_", "wall of vein ").replace("wall_outer", "vein wall")
     where = "; ".join(
         f"{circle.name} of radius {circle.radius * 1e3:g} mm at ({circle.x * 1e3:g}, {circle.y * 1e3:g}) mm"
         for circle in (a, b)

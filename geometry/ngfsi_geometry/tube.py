@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 from pydantic import Field, model_validator
 
 from ngfsi.units import Length
-from ngfsi_geometry.plane import Ring, SectionMesh, even_angles, fill_vein
-from ngfsi_geometry.segment import END_NAMES, MeshSettings, VeinSegment
+from ngfsi_geometry.plane import Ring, SectionMesh, even_angles
+from ngfsi_geometry.segment import MeshSettings, VeinSegment
 
 
 class TubeSegment(VeinSegment):
@@ -28,31 +26,23 @@ class TubeSegment(VeinSegment):
 class BareTube(TubeSegment):
     """A tube of wall alone, without tissue: its outer surface is the skin."""
 
-    solids: ClassVar[tuple[str, ...]] = ("wall",)
+    @property
+    def solids(self) -> tuple[str, ...]:
+        """Name of the region of the wall."""
+        return ("wall",)
 
     @property
     def skin_radius(self) -> float:
         """Outer radius of the wall [m]."""
         return self.lumen_radius + self.wall_thickness
 
-    @property
-    def boundary_names(self) -> tuple[str, ...]:
-        """Every boundary the mesh must have, curved ones first."""
-        there = super().boundary_names
-        return tuple(name for name in there if name not in ("wall_outer", *END_NAMES["tissue"]))
-
-    def exact_volumes(self) -> dict[str, float]:
-        """Return the volume [m3] of each region."""
-        return {name: volume for name, volume in super().exact_volumes().items() if name != "tissue"}
-
     def _section(self, factor: float) -> SectionMesh:
         """Return the mesh of the cross-section, its element sizes multiplied by a factor."""
-        layers = self._vein_layers()
-        size = self.mesh.vein_size * factor
-        angles = even_angles(self._vein_segments(size, [self.skin, *(circle for circle, _ in layers)]))
+        (vein,) = self.veins
+        angles = even_angles(self._vein_segments(vein, self.mesh.vein_size * factor))
         rim = Ring(self.skin, np.arange(len(angles), dtype=np.int32), "wall", None)
         outline = SectionMesh(self.skin.points(angles), [], [rim])
-        return fill_vein(outline, layers, self.fluid, split=self.mesh.element != "mixed")
+        return self._filled(outline, vein, self.skin.name)
 
     @model_validator(mode="after")
     def _check_positions(self) -> BareTube:

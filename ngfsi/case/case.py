@@ -31,7 +31,6 @@ from ngfsi.config.messages import key_error
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError, GeometryError, NgfsiError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
-from ngfsi.mesh.geometry import vessels_of
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.units import MMHG, Pressure, Time
 
@@ -276,7 +275,7 @@ class Case(ConfigModel):
 
     @model_validator(mode="after")
     def _each_region_has_a_material(self) -> Self:
-        lumens = [vessel.lumen for vessel in vessels_of(self.geometry) if vessel.lumen]
+        lumens = [vessel.lumen for vessel in self.geometry.vessels if vessel.lumen]
         regions = {kind_of(name) for name in (*self.geometry.solids, *lumens)}
         for name in Materials.model_fields:
             given = getattr(self.materials, name) is not None
@@ -294,7 +293,7 @@ class Case(ConfigModel):
         if wrong := sorted({*self.conditions.plane_stress} - {*self.geometry.solids}):
             raise key_error("conditions.plane_stress", f"names {', '.join(wrong)}: {_solids_of(self.geometry)}")
         plane = self.conditions.plane_stress or self.conditions.strain == "small" or self.conditions.skin_displacement
-        if plane and (any(v.lumen for v in vessels_of(self.geometry)) or self.conditions.initial_state == "prestress"):
+        if plane and (any(v.lumen for v in self.geometry.vessels) or self.conditions.initial_state == "prestress"):
             raise key_error(
                 "conditions", "has plane_stress, small strain or a skin_displacement: these are for plane solids "
                 "without fluid, from their unloaded shape (initial_state = \"preload\")"
@@ -303,7 +302,7 @@ class Case(ConfigModel):
 
     @model_validator(mode="after")
     def _coupling_fits(self) -> Self:
-        walls = self.geometry.solids and any(v.lumen and v.centreline for v in vessels_of(self.geometry))
+        walls = self.geometry.solids and any(v.lumen and v.centreline for v in self.geometry.vessels)
         if self.conditions.coupling == "one_way" and not walls:
             raise key_error(
                 "conditions.coupling", f'is "one_way", which is for veins in tissue: {type(self.geometry).__name__} '

@@ -12,7 +12,6 @@ reports `METHOD`, and the mean of the other beside it: their difference tells ho
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal
 
 import ngsolve as ng
@@ -168,12 +167,6 @@ class Wall:
         along /= np.linalg.norm(along, axis=1)[:, None]
         tangential = np.stack([np.sum(shear * way, axis=1) for way in (along, np.cross(along, normal))], axis=1)
         return WallSample(points, quads, shear, np.asarray(pressure(at)).ravel(), tangential)
-
-    @cached_property
-    def _along(self) -> Any:
-        """The material line along the vessel."""
-        line = self._line or centrelines(self.system.domain, self.vessel)[self.vessel.outlets[0]]
-        return (self._deformation * line.direction(self.system.domain)).Compile()
 
     def _map(self, rules: Any) -> Any:
         return self.system.domain.mesh.MapToAllElements(rules, self._region)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import MeshError, RegionError, unknown
 from ngfsi.mesh.generate import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
-from ngfsi.mesh.geometry import Geometry, Vessel, vessels_of
+from ngfsi.mesh.geometry import Geometry, Vessel
 
 LARGEST_VOLUME_ERROR = 0.01
 """Relative; a mesh that lost its curvature has several times as much."""
@@ -74,7 +74,7 @@ class Domain:
     @property
     def vessels(self) -> tuple[Vessel, ...]:
         """The vessels of the geometry."""
-        return vessels_of(self.geometry)
+        return tuple(self.geometry.vessels)
 
     @property
     def lumens(self) -> tuple[str, ...]:

@@ -20,12 +20,12 @@ class Vessel:
     Attributes:
         name: begins the names of its columns; empty for the first vessel of a geometry.
         lumen: region of the blood; None: a hole, on whose boundary `interface` the blood presses.
-        interface: boundary between blood and wall, which is a rigid one where there is no wall.
+        interface: boundary between blood and wall, which is a rigid one in a geometry without solids.
         wall: region of the wall; None: there is none.
         outer: boundary between wall and tissue; None: there is none.
         inlets, outlets: boundaries of the blood through which it enters and leaves.
-        centreline: points [m] of the straight mesh, from the first inlet to the first outlet, two or more; None: it is
-            found from the mesh.
+        centreline: points [m] of the straight mesh, two or more, along the part of the vessel that is studied, in the
+            direction from the first inlet to the first outlet; None: it is found from the mesh.
         radius: of the lumen [m], as a scale.
     """
 
@@ -49,12 +49,12 @@ class Geometry(Protocol):
     """What `Domain` needs to know of a geometry; lengths in metres."""
 
     @property
-    def solids(self) -> tuple[str, ...]:
-        """Names of the regions of the solids."""
+    def vessels(self) -> tuple[Vessel, ...]:
+        """Its vessels; the first has the plain names and columns."""
 
     @property
-    def fluid(self) -> str | None:
-        """Name of the region of the fluid; None: there is none."""
+    def solids(self) -> tuple[str, ...]:
+        """Names of the regions of the solids."""
 
     @property
     def curving_order(self) -> int:
@@ -82,55 +82,14 @@ class Geometry(Protocol):
     def size(self) -> float:
         """Length [m] against which displacements are judged: of what the fluid flows through or around."""
 
-    def inflow(self) -> CoefficientFunction:
-        """Return the velocity of unit mean with which the fluid enters through the inlet of the reference shape."""
+    def inflow(self) -> CoefficientFunction | None:
+        """Return the velocity of unit mean with which the fluid enters through the first inlet of the reference shape.
+
+        None: it is not known in closed form, and the developed profile of the inlet's shape is computed.
+        """
 
     def shape_map(self) -> ShapeMap | None:
         """Return the displacement [m] from the meshed to the reference shape, or None if they are the same."""
 
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of each region of the reference shape."""
-
-
-class Vein(Geometry, Protocol):
-    """A geometry whose fluid flows through a straight vein, of which cross-sections can be taken."""
-
-    @property
-    def fluid(self) -> str:
-        """Name of the region of the blood."""
-
-    @property
-    def length(self) -> float:
-        """Length of the vein [m], from z = 0 to z = length."""
-
-    @property
-    def lumen_radius(self) -> float:
-        """Radius of the lumen [m]."""
-
-    @property
-    def vein_centre(self) -> tuple[float, float]:
-        """Position (x, y) of the vein's axis [m]."""
-
-
-def vessels_of(geometry: Any) -> tuple[Vessel, ...]:
-    """TEMPORARY until every geometry offers vessels."""
-    if hasattr(geometry, "vessels"):
-        return geometry.vessels
-    if hasattr(geometry, "lumen_names"):
-        wall = "wall" if "wall" in geometry.solids else None
-        return tuple(
-            Vessel("" if k == 0 else f"vein_{k + 1}", None, n, wall, wall and n.replace("lumen", "wall_outer"), (), ())
-            for k, n in enumerate(geometry.lumen_names)
-        )
-    if geometry.fluid is None:
-        return ()
-    if hasattr(geometry, "vein_centre"):
-        x, y = geometry.vein_centre
-        wall = "wall" if "wall" in geometry.solids else None
-        outer = "wall_outer" if "wall_outer" in geometry.boundary_names else None
-        return (
-            Vessel(
-                wall=wall, outer=outer, centreline=((x, y, 0.0), (x, y, geometry.length)), radius=geometry.lumen_radius
-            ),
-        )
-    return (Vessel(wall=None, outer=None, radius=geometry.size),)

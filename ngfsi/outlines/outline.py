@@ -203,6 +203,12 @@ class Outline(ConfigModel):
         return float(np.min(np.linalg.norm(other.at(other.nearest(ring)) - ring, axis=1)))
 
 
+def polygon_area(ring: Array) -> float:
+    """Return the area inside a closed polygon (n, 2) by the shoelace formula; a first point may stand last again."""
+    x, y = ring.T
+    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
+
+
 def _crossing(points: Array) -> tuple[int, int] | None:
     """Return the numbers (from 1) of two sides of a closed polygon that cross each other, or None."""
     a, b = points, np.roll(points, -1, axis=0)

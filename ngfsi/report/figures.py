@@ -17,6 +17,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
+from ngfsi.outlines.outline import polygon_area
 from ngfsi.store.stored import StoredRun
 
 Array = NDArray[np.float64]
@@ -396,7 +397,7 @@ def elementary_effects(panels: Mapping[str, Effects], path: Path) -> None:
 def _outline_panel(panel: Axes, group: Group, times: tuple[float, float]) -> None:
     before, after = (_middle_ring(group.run, time) for time in times)
     for (time, ring), colour in ((before, QUIET), (after, group.colour)):
-        panel.plot(ring[:, 0], ring[:, 1], color=colour, label=f"t = {time:.3g} s: {ring_area(ring):.1f} mm²")
+        panel.plot(ring[:, 0], ring[:, 1], color=colour, label=f"t = {time:.3g} s: {polygon_area(ring):.1f} mm²")
     panel.fill(after[1][:, 0], after[1][:, 1], color=group.colour, alpha=0.15, linewidth=0)
     panel.set_aspect("equal")
     panel.set_title(group.label, fontsize=10)
@@ -408,12 +409,6 @@ def _middle_ring(run: StoredRun, time: float) -> tuple[float, Array]:
     found, rings = run.outlines(time)
     ring = rings[len(rings) // 2, :, :2] * 1e3
     return found, np.vstack([ring, ring[:1]])
-
-
-def ring_area(ring: Array) -> float:
-    """Return the area inside a closed polygon (n, 2) by the shoelace formula; a first point may stand last again."""
-    x, y = ring.T
-    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
 
 
 def _share_frame(panels: Sequence[Axes]) -> None:

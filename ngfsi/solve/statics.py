@@ -10,7 +10,6 @@ from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError, SolverError
 from ngfsi.linear.backends import choose_backend
 from ngfsi.mesh.domain import Domain
-from ngfsi.mesh.geometry import vessels_of
 from ngfsi.solve.initial import in_load_steps
 from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System
@@ -48,7 +47,7 @@ def equilibrium(case: Case, domain: Domain | None = None, start: System | None =
         CaseError: the geometry has a fluid.
         SolverError: no equilibrium was found; says up to which share of the loads.
     """
-    if any(vessel.lumen for vessel in vessels_of(case.geometry)):
+    if any(vessel.lumen for vessel in case.geometry.vessels):
         raise CaseError(f"a {type(case.geometry).__name__} has a fluid: compute it with `ngfsi run`")
     system = System(case, domain or Domain.build(case.geometry))
     system.set_steady()

@@ -32,7 +32,7 @@ from ngfsi.identify.section import (
 from ngfsi.materials import MooneyRivlin, load_set
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
-from ngfsi.outlines.outline import Outline
+from ngfsi.outlines.outline import Outline, polygon_area
 from ngfsi.outlines.registration import register_outlines
 from ngfsi.report.figures import Line, lines
 from ngfsi.report.tables import markdown_table
@@ -293,10 +293,7 @@ def discrepancies() -> Array:
 
 def polygon_effect(outline: Outline, points: int) -> float:
     """Return by which share the area of a polygon of equally spaced points falls short of the outline's."""
-    ring = outline.resampled(points)
-    after = np.roll(ring, -1, axis=0)
-    area = np.sum(ring[:, 0] * after[:, 1] - ring[:, 1] * after[:, 0]) / 2
-    return float(1 - area / outline.area)
+    return 1 - polygon_area(outline.resampled(points)) / outline.area
 
 
 def shrink_for(outline: Outline, share: float) -> float:

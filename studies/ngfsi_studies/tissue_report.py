@@ -57,7 +57,7 @@ def results_table(findings: Iterable[Finding], missing: Mapping[str, str]) -> st
 
 def _most_squeezed(finding: Finding) -> str:
     """Return a sentence on the smallest volume ratios at the end."""
-    regions = (*finding.run.case.geometry.solids, finding.run.case.geometry.fluid)
+    regions = (*finding.run.case.geometry.solids, *(v.lumen for v in finding.run.case.geometry.vessels if v.lumen))
     ratios = ", ".join(f"{name} {finding.run.series[f'detF_min_{name}_1'][-1]:.2g}" for name in regions)
     return (
         f"Smallest det F in its last state: {ratios}. Saint Venant-Kirchhoff, the law of the wall, softens in "

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ngfsi_geometry.calf import STILL, CalfSegment
+from ngfsi_geometry.calf import STILL, CalfSegment, CalfVein
 from ngfsi_geometry.segment import MeshSettings, VeinSegment
 from ngfsi_geometry.tube import BareTube, TubeSegment
 from ngsolve import BND, CF, H1, Grad, GridFunction, Integrate, Mesh, specialcf, x, y, z
@@ -299,6 +299,81 @@ def test_an_oval_vein_is_an_ellipse(tube: type[TubeSegment]) -> None:
     assert inflow == pytest.approx(domain.area("inlet"), rel=3e-4)
     if tube is TubeSegment:
         assert domain.area("skin") == pytest.approx(2 * pi * geometry.outer_radius * 10e-3, rel=1e-4)
+
+
+BESIDE = (
+    CalfVein(lumen_diameter=5e-3, wall_thickness=0.6e-3, x=-10e-3, y=-20e-3),
+    CalfVein(lumen_diameter=6e-3, x=-3.5e-3, y=-9e-3),
+)
+"""The second of them 1.3 mm beside the first vein of the calf, whose axis lies at (8, -6) mm."""
+
+
+@pytest.mark.parametrize("element", [*ELEMENTS, "csg"])
+def test_further_veins(element: Any) -> None:
+    """Each has its own regions and boundaries of the exact sizes, its place, and faces that look out of the blood."""
+    settings = MeshSettings(element=element, axial_layers=1, curving_order=3)
+    geometry = CalfSegment(length=10e-3, further_veins=BESIDE, mesh=settings)
+    assert CalfSegment.from_dict(geometry.to_toml_dict()) == geometry
+    domain, L = domain_of(geometry), geometry.length
+    assert domain.regions == ("tissue", "wall", "wall_2", "wall_3", "fluid", "fluid_2", "fluid_3")
+    assert [vessel.name for vessel in geometry.vessels] == ["", "vein_2", "vein_3"]
+    sizes = ((8e-3, -6e-3, 5.55e-3, 1e-3), (-10e-3, -20e-3, 2.5e-3, 0.6e-3), (-3.5e-3, -9e-3, 3e-3, 1e-3))
+    for vessel, (x0, y0, r, t) in zip(geometry.vessels, sizes, strict=True):
+        exact = {vessel.lumen: pi * r * r, vessel.wall: pi * ((r + t) ** 2 - r * r)}
+        for region, area in exact.items():
+            assert domain.volume(region) == pytest.approx(area * L, rel=1e-3), region
+            assert geometry.exact_volumes()[region] == pytest.approx(area * L, rel=1e-12), region
+        assert domain.area(vessel.interface) == pytest.approx(2 * pi * r * L, rel=1e-3)
+        assert domain.area(vessel.outer) == pytest.approx(2 * pi * (r + t) * L, rel=1e-3)
+        assert [domain.area(name) for name in vessel.openings] == pytest.approx(2 * [pi * r * r], rel=1e-3)
+        middle = [
+            Integrate(axis * domain.dx(vessel.lumen), domain.mesh) / domain.volume(vessel.lumen) for axis in (x, y)
+        ]
+        assert middle == pytest.approx([x0, y0], rel=1e-4)
+        assert vessel.centreline == ((x0, y0, 0.0), (x0, y0, L))
+        assert vessel.radius == r
+        if element != "csg":
+            flux = CF((x, y, z)) * specialcf.normal(3) * domain.ds(vessel.interface, *vessel.openings, bonus_intorder=6)
+            assert Integrate(flux, domain.mesh) == pytest.approx(3 * domain.volume(vessel.lumen), rel=1e-9)
+    holes = sum(pi * (r + t) ** 2 for _, _, r, t in sizes) + pi * (12.5e-3**2 + 7e-3**2)
+    assert geometry.exact_volumes()["tissue"] == pytest.approx((pi * 55e-3**2 - holes) * L, rel=1e-12)
+    assert domain.volume("tissue") == pytest.approx((pi * 55e-3**2 - holes) * L, rel=1e-4)
+
+
+def test_further_veins_with_taper_and_an_oval_first() -> None:
+    """They stay round cylinders while the first becomes an ellipse and the skin a cone."""
+    settings = MeshSettings(element="mixed", axial_layers=1)
+    straight = CalfSegment(length=20e-3, further_veins=BESIDE, mesh=settings)
+    geometry = straight.replace(oval=0.2e-3, skin_radius_distal=53e-3)
+    domain, before = domain_of(geometry), domain_of(straight)
+    errors, first = domain.statistics()["relative_volume_errors"], pi * (5.55**2 - 0.2**2) * 1e-6 * 20e-3
+    assert max(map(abs, errors.values())) < 1e-3
+    assert domain.volume("fluid") == pytest.approx(first, rel=2e-4)
+    for vessel in geometry.vessels[1:]:
+        for name in (vessel.interface, vessel.outer):
+            assert second_moment(domain, domain.ds(name)) == pytest.approx(second_moment(before, before.ds(name)), 1e-9)
+
+
+def test_further_veins_in_the_way_are_refused() -> None:
+    def beside(x0: float, y0: float) -> None:
+        CalfSegment(further_veins=(CalfVein(lumen_diameter=6e-3, x=x0, y=y0),))
+
+    with pytest.raises(GeometryError, match=r"vein wall and wall of vein 2 overlap by 3\.55 mm"):
+        beside(1e-3, -6e-3)
+    with pytest.raises(GeometryError, match=r"wall of vein 2 and fibula overlap"):
+        beside(22e-3, 0.0)
+    with pytest.raises(GeometryError, match=r"wall of vein 2 and skin overlap"):
+        beside(30e-3, -45e-3)
+    with pytest.raises(GeometryError, match=r"wall of vein 2 and wall of vein 3 overlap"):
+        CalfSegment(further_veins=(BESIDE[0], BESIDE[0]))
+    with pytest.raises(GeometryError, match=r"oval = 0\.6 mm is too much .*: at most 0\.334 mm"):
+        CalfSegment(further_veins=BESIDE, oval=0.6e-3)
+
+
+def test_bare_tube_has_no_outer_wall() -> None:
+    (vessel,), (of_tube,) = BareTube(length=10e-3).vessels, TubeSegment(length=10e-3).vessels
+    assert (vessel.outer, of_tube.outer) == (None, "wall_outer")
+    assert vessel.wall == "wall"
 
 
 def test_a_vein_too_oval_is_refused() -> None:

@@ -103,6 +103,9 @@ def test_fascia_and_two_veins() -> None:
     assert domain.volume("fat") == pytest.approx(one.skin.area - section.fascia.area, rel=1e-4)
     assert domain.area("lumen_2") == pytest.approx(2 * np.pi * 2e-3, rel=1e-4)
     assert domain.volume("wall") == pytest.approx(section.exact_volumes()["wall"], rel=1e-3)
+    names = [(v.name, v.lumen, v.interface, v.outer, v.openings) for v in section.vessels]
+    assert names == [("", None, "lumen", "wall_outer", ()), ("vein_2", None, "lumen_2", "wall_outer_2", ())]
+    assert [v.radius for v in section.vessels] == pytest.approx([4e-3, 2e-3], rel=1e-4)
 
 
 def test_section_from_a_folder(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ngsolve as ng
 import numpy as np
 import pytest
 from ngfsi_geometry.lofted import LoftedMesh, LoftedVein
@@ -35,6 +36,12 @@ def test_volume_of_a_bent_turning_ellipse() -> None:
     assert domain.area("inlet") == pytest.approx(np.pi * 3.84e-6, rel=1e-3)
     assert domain.area("outlet") == pytest.approx(np.pi * 3.84e-6, rel=1e-3)
     assert domain.statistics()["smallest_jacobian_ratio"] > 0.2
+    (vessel,) = geometry.vessels
+    assert (vessel.lumen, vessel.interface, vessel.wall, vessel.outer) == ("fluid", "interface", None, None)
+    (begin, end), first = vessel.centreline, geometry.outlines[0].centroid
+    assert (end[2] - begin[2], begin[2]) == pytest.approx((10e-3, 4 * vessel.radius), rel=1e-12)
+    where = ng.CF((ng.x, ng.y, ng.z))(domain.mesh(*begin))  # in the reference shape: the middle of the first section
+    assert where == pytest.approx((*first, 0.0), abs=2e-5)
 
 
 def test_refused_stacks() -> None:

@@ -12,6 +12,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ngfsi.outlines.outline import polygon_area
 from ngfsi.report import figures
 from ngfsi.report.figures import (
     COLOURS,
@@ -23,7 +24,6 @@ from ngfsi.report.figures import (
     elementary_effects,
     outlines,
     results_over_inputs,
-    ring_area,
     skin_pressures,
     time_series,
 )
@@ -93,17 +93,17 @@ def test_outlines(stored: StoredRun, tmp_path: Path, drawn: list[Figure]) -> Non
     outlines([Group("M", stored), Group("N", stored)], (0.0, 1.5), tmp_path / "outlines.png")
     panels = drawn[0].axes
     assert [panel.get_title() for panel in panels] == ["M", "N"]
-    before, after = (ring_area(np.column_stack(line.get_data())) for line in panels[0].get_lines())
+    before, after = (polygon_area(np.column_stack(line.get_data())) for line in panels[0].get_lines())
     assert after / before == pytest.approx(0.75)
     assert before == pytest.approx(np.pi * 5.55**2 * 1.1, rel=5e-3)  # mm2; a polygon of 48 points
     assert np.ptp(panels[0].get_xlim()) == pytest.approx(np.ptp(panels[0].get_ylim()))
     assert "mm" in panels[0].get_xlabel()
 
 
-def test_ring_area() -> None:
+def test_polygon_area() -> None:
     square = np.array([[0.0, 0], [2, 0], [2, 3], [0, 3]])
-    assert ring_area(square) == 6
-    assert ring_area(np.vstack([square, square[:1]])[::-1]) == 6
+    assert polygon_area(square) == 6
+    assert polygon_area(np.vstack([square, square[:1]])[::-1]) == 6
 
 
 def test_convergence(tmp_path: Path, drawn: list[Figure]) -> None:

@@ -29,7 +29,7 @@ COARSE = CylinderMesh(far_size=0.4, cylinder_size=0.1, beam_size=0.2, corner_siz
 
 def case_with(geometry: Any, **more: Any) -> Case:
     """Return a case with whatever the geometry has."""
-    materials = Materials(solid=BEAM if geometry.solids else None, fluid=FLUID if geometry.fluid else None)
+    materials = Materials(solid=BEAM if geometry.solids else None, fluid=FLUID if geometry.vessels else None)
     return case_of(geometry, 0.1, materials, **more)
 
 
@@ -132,7 +132,7 @@ def test_volumes_and_names() -> None:
 
 def test_a_run_needs_a_vein(tmp_path: Path) -> None:
     for geometry in (Beam(mesh=COARSE), BareTube()):
-        materials = Materials(**{name: BEAM for name in geometry.solids}, fluid=FLUID if geometry.fluid else None)
+        materials = Materials(**{name: BEAM for name in geometry.solids}, fluid=FLUID if geometry.vessels else None)
         case = case_with(Beam(mesh=COARSE)).replace(geometry=geometry, materials=materials)
         with pytest.raises(CaseError, match=f"a {type(geometry).__name__} can be solved by the benchmarks only"):
             run(case, tmp_path / "run")
