@@ -40,7 +40,7 @@ def womersley(domain: Domain, opening: str, order: int, parameter: float) -> ng.
 
 def _on_face(domain: Domain, opening: str, order: int, load: float, mass: complex) -> ng.GridFunction:
     """Solve -laplace u + mass u = load on an opening's face, zero on its rim."""
-    face, lumens = domain.boundaries(opening), domain.materials(*domain.lumens)
+    lumens = domain.materials(*domain.lumens)
     # a space of the face alone has no functions on other boundaries, from which to tell its rim
     space = ng.H1(domain.mesh, order=order, definedon=lumens, complex=bool(mass))
     trial, test = space.TnT()

@@ -8,7 +8,6 @@ from __future__ import annotations
 import netgen.meshing as nm
 import ngsolve as ng
 import numpy as np
-from numpy.polynomial.legendre import legder, leggauss, legval, legvander
 from numpy.typing import NDArray
 
 from ngfsi.mesh.centreline import Centreline
@@ -44,9 +43,7 @@ class Sections:
         shears: (stations,) wall shear stress, mean over the outline, Pa; of `shear` in `refresh`.
     """
 
-    def __init__(
-        self, system: System, vessel: Vessel, line: Centreline, stations: Array | None = None
-    ) -> None:
+    def __init__(self, system: System, vessel: Vessel, line: Centreline, stations: Array | None = None) -> None:
         """Prepare.
 
         Args:

@@ -112,7 +112,9 @@ def test_areas_integrate_to_the_volume_of_the_discrete_lumen(probe: Probe) -> No
     """At Gauss points of the one layer of elements along the axis, to rounding."""
     nodes, weights = np.polynomial.legendre.leggauss(5)
     sections = sections_of(probe.system, LENGTH * (nodes + 1) / 2)
-    assert LENGTH * np.dot(weights / 2, sections.areas) == pytest.approx(probe.vessels[""].integral("lumen volume"), rel=1e-9)
+    assert LENGTH * np.dot(weights / 2, sections.areas) == pytest.approx(
+        probe.vessels[""].integral("lumen volume"), rel=1e-9
+    )
 
 
 def test_flow_along_the_vein(probe: Probe) -> None:

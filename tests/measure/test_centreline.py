@@ -7,6 +7,7 @@ from functools import cache
 import ngsolve as ng
 import numpy as np
 import pytest
+from ngfsi.run.rigid import rigid_case
 from numpy.typing import NDArray
 
 from ngfsi.config.functions import FlowConstant
@@ -16,7 +17,6 @@ from ngfsi.measure.shape import Shape
 from ngfsi.mesh.centreline import Centreline, direction, find_centrelines
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.geometry import Vessel
-from ngfsi.run.rigid import rigid_case
 from ngfsi.system.system import System
 from tests.lumens import BentLumen, Lumen, Tubes, arc
 from tests.vein import BLOOD, domain_of
