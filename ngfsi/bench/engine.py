@@ -260,7 +260,7 @@ def march(case_file: str, folder: str) -> None:
             initial_state(system, newton)
         with watch("steps"):
             for step in TimeLoop(case, system, newton, Deformation(system).inversion).run():
-                results.record_cost(step.cost())
+                results.append("costs", step.cost())
     results.update_manifest(
         unknowns=system.unknowns.size, factorisations=newton.factorisation.count,
         seconds={**watch.seconds, "measures": 0.0},

@@ -32,7 +32,7 @@ from ngfsi.solve.time_loop import Step, TimeLoop
 from ngfsi.solve.worker import shared_system
 from ngfsi.store.checkpoint import Checkpoint, Checkpoints
 from ngfsi.store.fields import COLLAPSE, DEFORMATION, STRESS, FieldWriter
-from ngfsi.store.folder import CASE, CHECKPOINTS, MANIFEST, STOP, RunFolder
+from ngfsi.store.folder import CASE, CHECKPOINTS, MANIFEST, STOP, RunFolder, outline_rows
 from ngfsi.store.provenance import versions
 from ngfsi.store.stored import StoredRun, check_folder, open_run
 from ngfsi.system.system import System, Vector
@@ -319,11 +319,11 @@ class Computation:
     def _record(self, time: float, size: float, probe: Probe) -> None:
         with self.watch("measures"):
             probe.refresh()
-            self.folder.record({"time_s": time, "step_s": size, **row(probe)})
+            self.folder.append("series", {"time_s": time, "step_s": size, **row(probe)})
 
     def _note_cost(self, step: Step) -> None:
         self._factorisations += step.solution.factorisations
-        self.folder.record_cost(step.cost())
+        self.folder.append("costs", step.cost())
 
     def _record_stability(self, time: float) -> None:
         """Note the stability; where it cannot be determined, the log says why."""
@@ -331,7 +331,7 @@ class Computation:
             return
         with self.watch("stability"):
             try:
-                self.folder.record_stability(self._stability.refresh().row(time))
+                self.folder.append("stability", self._stability.refresh().row(time))
             except SolverError as error:
                 self.folder.log(f"t = {time:.6g} s: no stability: {error}")
 
@@ -341,8 +341,8 @@ class Computation:
             writer.write(time)
             sections = probe.outlines
             sections.refresh()
-            self.folder.record_outlines(time, sections.rings)
-            self.folder.record_shape(Shape.of(sections, cut=True).rows(time))
+            self.folder.append("outlines", *outline_rows(time, sections.rings))
+            self.folder.append("shape", *Shape.of(sections, cut=True).rows(time))
 
     def _write_wall(self, time: float, probe: Probe, writer: FieldWriter) -> None:
         with self.watch("output"):
