@@ -364,7 +364,7 @@ class LabelMap:
 
         target = float(mask.sum()) * self._pixel_area
         top = float(grey.max())
-        level = brentq(lambda share: _polygon_area(longest(share * top)) - target, 0.1, 0.9, xtol=1e-6)
+        level = brentq(lambda share: polygon_area(longest(share * top)) - target, 0.1, 0.9, xtol=1e-6)
         ring = longest(level * top)[:-1]
         arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(np.vstack([ring, ring[:1]]), axis=0).T))]
         count = int(np.clip(arc[-1] / max(dx, dy), FEWEST_POINTS, MOST_POINTS))
@@ -384,7 +384,8 @@ class LabelMap:
                     )
 
 
-def _polygon_area(ring: Array) -> float:
+def polygon_area(ring: Array) -> float:
+    """Return the area inside a closed polygon (n, 2) by the shoelace formula; a first point may stand last again."""
     x, y = ring.T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
 

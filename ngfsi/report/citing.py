@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+
 from ngfsi.case import Case
 from ngfsi.materials import available_sets, read_set
 from ngfsi.parallel.ranks import threads

@@ -18,7 +18,6 @@ from ngfsi.mesh.generate import cache_folder
 from ngfsi.report.tables import flat
 from ngfsi.store.provenance import named_commit, versions
 from ngfsi.store.stored import StoredRun
-from ngfsi.store.vessels import StoredVessel
 from ngfsi.units import UNITS
 
 PIPED_WIDTH = 160
@@ -50,7 +49,7 @@ def run_summary(run: StoredRun) -> RenderableType:
         f"order {case.discretisation.order}, {case.time.scheme}, {case.time.end:g} s in steps of {case.time.step:g} s",
         "status": " - ".join(filter(None, (run.status, manifest.get("reason", "")))),
         "code": _code(manifest),
-    } | {f"vessel {vessel.name}".strip(): _vessel(vessel) for vessel in run.vessels.values()}
+    }
     rest = {key: value for key, value in manifest.items() if key not in _SHOWN}
     said = {key: value for key, value in flat(rest).items() if value not in (None, [], "")}
     return Group(_pairs({**facts, **said}), *_last_row(run))
@@ -90,13 +89,6 @@ def _solids(case: Case) -> str:
     solids = case.geometry.solids
     named = [name for name in solids if name == "tissue"] or solids
     return ", ".join(f"{case.materials.law_of(name).label} {name}" for name in named) or "rigid wall"
-
-
-def _vessel(vessel: StoredVessel) -> str:
-    wall = "rigid wall" if vessel.wall is None else f"wall {vessel.wall}"
-    ends = f", from {', '.join(vessel.inlets)} to {', '.join(vessel.outlets)}" if vessel.openings else ""
-    length = f", {1e3 * vessel.course.length:.4g} mm long" if vessel.centreline else ""
-    return f"{vessel.lumen or 'a hole'}, {wall}{length}{ends}"
 
 
 def _code(manifest: Mapping[str, Any]) -> str:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,8 @@ from ngfsi.units import SAME_TIME
 
 SAME_PRESSURE = 1e-9
 """Relative difference of pressures that is rounding."""
-VESSEL = "vessel"
-"""Number of the vessel, of the manifest's, in fields of walls and in outlines of several vessels."""
+COMMON = ("time_", "step_", "skin_", "displacement_", "detF_")
+"""Beginnings of columns that are of no single vessel."""
 
 Which = Literal["volume", "wall"]
 Columns = dict[str, NDArray[np.float64]]
@@ -31,10 +31,19 @@ Columns = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run on the disk; what it holds is read when first asked for."""
+    """A run on the disk; what it holds is read when first asked for.
+
+    Attributes:
+        vessel: of which columns, cross-sections and walls are those without a name; None: the whole run.
+    """
 
     path: Path
     manifest: dict[str, Any]
+    vessel: str | None = None
+
+    def of_vessel(self, name: str) -> Self:
+        """Return the run as if it were that of one of its vessels alone, whose columns lose their name."""
+        return replace(self, vessel=name)
 
     @property
     def status(self) -> str:
@@ -57,9 +66,22 @@ class StoredRun:
         geometry = self.case.geometry  # of runs stored before manifests named their vessels
         if not hasattr(geometry, "vein_centre") or geometry.fluid is None:
             return {}
-        ends = ((*geometry.vein_centre, 0.0), (*geometry.vein_centre, geometry.length))
-        wall = {} if "wall" in geometry.solids else {"wall": None, "outer": None}
-        return {"": StoredVessel(lumen=geometry.fluid, centreline=ends, radius=geometry.lumen_radius, **wall)}
+        x, y = geometry.vein_centre
+        entry = {"lumen": geometry.fluid, "interface": "interface", "inlets": ["inlet"], "outlets": ["outlet"],
+                 "radius_m": geometry.lumen_radius, "centreline_m": [[x, y, 0.0], [x, y, geometry.length]]}  # fmt: skip
+        wall = {"wall": "wall", "outer": "wall_outer"} if "wall" in geometry.solids else {}
+        return {"": StoredVessel.of_entry("", entry | wall)}
+
+    @property
+    def own_vessel(self) -> StoredVessel:
+        """The vessel that is looked at, or the first one.
+
+        Raises:
+            OutputError: there is none.
+        """
+        if not self.vessels:
+            raise OutputError(f"the run in '{self.path}' is of no vessel")
+        return self.vessels[self.vessel or next(iter(self.vessels))]
 
     @property
     def lumens(self) -> set[str]:
@@ -81,22 +103,26 @@ class StoredRun:
             return len(self.series["time_s"]) - 1
         return int(np.argmax(pressure >= (1 - SAME_PRESSURE) * pressure.max()))
 
-    def along(self, vessel: str, name: str, unit: str) -> NDArray[np.float64]:
-        """Return a quantity of the series at each station of a vessel over time, (times, stations).
+    def along(self, name: str, unit: str) -> NDArray[np.float64]:
+        """Return a quantity of the series at each station along the vessel over time, (times, stations).
 
         Raises:
             OutputError: the run does not hold it.
         """
-        begin = f"{self.vessels[vessel].column(name)}_z" if vessel in self.vessels else f"{name}_z"
-        columns = sorted(c for c in self.series if c.startswith(begin) and c.endswith(f"_{unit}"))
+        columns = sorted(c for c in self.series if c.startswith(f"{name}_z") and c.endswith(f"_{unit}"))
         if not columns:
-            raise OutputError(f"the run in '{self.path}' holds no {begin}00_{unit}: compute it again")
+            raise OutputError(f"the run in '{self.path}' holds no {name}_z00_{unit}: compute it again")
         return np.column_stack([self.series[column] for column in columns])
 
     @cached_property
     def series(self) -> Columns:
         """Quantities over time by column, e.g. `series["lumen_volume_m3"]`; empty before the first step."""
-        return self._table("series")
+        table = self._table("series")
+        if not self.vessel:
+            return table
+        begin = f"{self.vessel}_"
+        own = {name.removeprefix(begin): column for name, column in table.items() if name.startswith(begin)}
+        return {name: column for name, column in table.items() if name.startswith(COMMON)} | own
 
     @cached_property
     def costs(self) -> Columns:
@@ -117,15 +143,15 @@ class StoredRun:
     def _outlines(self) -> Columns:
         return self._table("outlines")
 
-    def outlines(self, time: float, vessel: str = "") -> tuple[float, NDArray[np.float64]]:
-        """Return the stored time [s] nearest to `time` and a vessel's cross-sections then, (stations, points, 3) [m].
+    def outlines(self, time: float) -> tuple[float, NDArray[np.float64]]:
+        """Return the stored time [s] nearest to `time` and the vessel's cross-sections then, (stations, points, 3) [m].
 
         Raises:
             OutputError: none are stored.
         """
         table = self._outlines
         if "vessel" in table:
-            chosen = table["vessel"] == list(self.vessels).index(vessel)
+            chosen = table["vessel"] == self._number
             table = {name: column[chosen] for name, column in table.items()}
         if not table or not len(table["time_s"]):
             raise OutputError(f"the run in '{self.path}' holds no cross-sections yet")
@@ -142,12 +168,11 @@ class StoredRun:
         """Return the times [s] at which fields are stored."""
         return [] if (reader := self._fields(which)) is None else list(reader.time_values)
 
-    def fields(self, time: float, which: Which = "volume", vessel: str | None = None) -> Any:
+    def fields(self, time: float, which: Which = "volume") -> Any:
         """Return the fields nearest to `time` [s] as a pyvista mesh, its points deformed.
 
         Args:
             which: "volume" for the whole domain, "wall" for the inner surface of the vessels.
-            vessel: of which the wall is wanted; None: of all.
 
         Raises:
             OutputError: no fields are stored.
@@ -157,9 +182,14 @@ class StoredRun:
             raise OutputError(f"the run in '{self.path}' holds no fields of the {which} yet")
         reader.set_active_time_value(min(reader.time_values, key=lambda stored: abs(stored - time)))
         found = reader.read()[0]
-        if vessel is None or VESSEL not in found.cell_data:
+        if self.vessel is None or "vessel" not in found.cell_data:
             return found
-        return found.extract_cells(np.flatnonzero(found.cell_data[VESSEL] == list(self.vessels).index(vessel)))
+        return found.extract_cells(np.flatnonzero(found.cell_data["vessel"] == self._number))
+
+    @property
+    def _number(self) -> int:
+        """Of the vessel, as in the fields of the walls and in outlines of several vessels."""
+        return list(self.vessels).index(self.vessel or "")
 
     def wall_history(self, start: float = 0.0, end: float = float("inf")) -> Any:
         """Return the wall's inner surface with averages over a time, as a pyvista mesh.

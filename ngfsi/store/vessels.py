@@ -124,19 +124,18 @@ class StoredVessel(Vessel):
     @classmethod
     def of_entry(cls, name: str, entry: Mapping[str, Any]) -> StoredVessel:
         """Return what an entry of `vessels` in a manifest describes; lengths there are in m."""
-        parts = {key: entry.get(key) for key in ("lumen", "wall", "outer")}
-        openings = {key: tuple(entry.get(key) or ()) for key in ("inlets", "outlets")}
-        line = tuple((*map(float, point),) for point in entry.get("centreline_m") or ())
-        return cls(name, interface=entry.get("interface") or "", centreline=line if len(line) > 1 else None,  # type: ignore[arg-type]
-                   radius=float(entry.get("radius_m") or 1.0), **parts, **openings)  # fmt: skip
-
-    def column(self, name: str) -> str:
-        """Return the name of the vessel's own column, e.g. vein_2_sawss_Pa; those of the first vessel bear no name."""
-        return f"{self.name}_{name}" if self.name else name
-
-    def titled(self, title: str) -> str:
-        """Return a title with the vessel's name, if it has one."""
-        return f"{title}, {self.name}" if self.name else title
+        line = tuple((float(x), float(y), float(z)) for x, y, z in entry.get("centreline_m") or ())
+        return cls(
+            name,
+            lumen=entry.get("lumen"),
+            interface=entry.get("interface") or "",
+            wall=entry.get("wall"),
+            outer=entry.get("outer"),
+            inlets=tuple(entry.get("inlets") or ()),
+            outlets=tuple(entry.get("outlets") or ()),
+            centreline=line if len(line) > 1 else None,
+            radius=float(entry.get("radius_m") or 1.0),
+        )
 
     @cached_property
     def course(self) -> Course:

@@ -60,7 +60,9 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
         folder.append("outlines", *outline_rows(time, _rings(stretch)))
         folder.append("shape", *_shape(time, stretch))
         if number:
-            folder.append("costs", {"step": number, "time_s": time, "iterations": 4, "factorisations": 1, "wall_s": 0.5})
+            folder.append(
+                "costs", {"step": number, "time_s": time, "iterations": 4, "factorisations": 1, "wall_s": 0.5}
+            )
         writer.write_wall(time, wall_sample(stretch))
         if number == 0 or time >= case.time.end - 1e-9:
             displacement.Set(_contraction(stretch))
