@@ -20,7 +20,7 @@ from plotly.offline import get_plotlyjs
 
 from ngfsi.analysis.decomposition import STAGES, decompose, narrowing
 from ngfsi.analysis.transmission import transmission
-from ngfsi.analysis.tube import Comparison, externals, in_one_dimension, overall_error, tube_laws
+from ngfsi.analysis.tube import Comparison, externals, in_one_dimension, overall_error, transmural, tube_laws
 from ngfsi.errors import NgfsiError, OutputError
 from ngfsi.report import charts
 from ngfsi.report.charts import Runs
@@ -422,7 +422,10 @@ def _value(value: Any) -> str:
 
 
 def _has_tube_law(run: StoredRun) -> bool:
-    return bool(run.vessels and run.own_vessel.wall and "area_z00_m2" in run.series and externals(run))
+    """Return whether areas of a vessel with a wall, under loads that change, are known."""
+    if not (run.vessels and run.own_vessel.wall and "area_z00_m2" in run.series and externals(run)):
+        return False
+    return all(np.ptp(transmural(run, against)) for against in externals(run))
 
 
 def _is_in_one_dimension(run: StoredRun) -> bool:
