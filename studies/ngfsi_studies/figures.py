@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.tri import Triangulation
 from ngfsi_geometry.imaging import polygon_area
 from numpy.typing import NDArray
@@ -285,3 +286,46 @@ def _range(runs: Sequence[StoredRun], quantity: Callable[[StoredRun], Array], ti
 def _legend_below(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Values over others: drawn as a line, or as markers alone; `spread`: half-widths of error bars."""
+
+    label: str
+    x: Sequence[float] | Array
+    y: Sequence[float] | Array
+    style: str = "o-"
+    spread: Sequence[float] | Array | None = None
+
+
+def lines(
+    panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: Path, *, ticks: Sequence[str] = (),
+    log: tuple[bool, bool] = (False, False),
+) -> None:  # fmt: skip
+    """Draw values over others, a panel per title; labels of both axes carry the units.
+
+    Args:
+        ticks: names of 0, 1, ... on the axis of x.
+        log: whether the axes (x, y) are logarithmic.
+    """
+    figure, spaces, columns = new_panels(len(panels), 2, (5.2, 4.0), (0.0, 0.0))
+    for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
+        for colour, line in zip(COLOURS, drawn, strict=False):
+            panel.errorbar(line.x, line.y, yerr=line.spread, fmt=line.style, color=colour, markersize=4,
+                           linewidth=1.2, capsize=3, label=line.label)  # fmt: skip
+        panel.set_title(title, fontsize=10)
+        for name, axis in (
+            pair for pair, wanted in zip((("x", panel.xaxis), ("y", panel.yaxis)), log, strict=True) if wanted
+        ):
+            panel.set(**{f"{name}scale": "log"})
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+        panel.set_xlabel(labels[0])
+        if number % columns == 0:
+            panel.set_ylabel(labels[1])
+        if ticks:
+            panel.set_xticks(range(len(ticks)), ticks, rotation=25, ha="right")
+        panel.legend(fontsize=8, frameon=False)
+    figure.savefig(path)

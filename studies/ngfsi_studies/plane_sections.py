@@ -23,7 +23,6 @@ from ngfsi.errors import SolverError
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.plane import PlaneSectionProbe, SectionMap
 from ngfsi.mesh.domain import Domain
-from ngfsi.report.figures import Line, lines
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.solve.statics import SoftestMode, equilibrium, load_path, section_case, softest_mode
@@ -31,7 +30,7 @@ from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.table import write_rows
 from ngfsi.study import workers
 from ngfsi.units import from_si, to_si
-from ngfsi_studies.figures import FieldMap, field_maps
+from ngfsi_studies.figures import FieldMap, Line, field_maps, lines
 from ngfsi_studies.source import tables
 
 PRINTED = tables("plane_sections")

@@ -25,7 +25,6 @@ from ngfsi.materials import Newtonian, load_set
 from ngfsi.measure.wall import Wall
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
-from ngfsi.report.figures import Line, lines
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.run.rigid import SAME, Cycle, pulsatile, rigid_case, steady
@@ -33,6 +32,7 @@ from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.table import write_rows
 from ngfsi.study import workers
 from ngfsi.units import to_si
+from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.source import tables
 
 Array = NDArray[np.float64]
