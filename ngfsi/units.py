@@ -75,6 +75,9 @@ UNITS: dict[str, Unit] = {
 
 DURATION = r"(\d+(?:\.\d+)?)(h|min|s)"
 
+SAME_TIME = 1e-9
+"""Times [s] closer than this are one."""
+
 SI_SUFFIX: dict[str, str] = {unit.dimension: suffix for suffix, unit in UNITS.items() if unit.factor == 1.0}
 """Dimension -> suffix of its SI unit."""
 

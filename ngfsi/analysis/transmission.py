@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from ngfsi.errors import OutputError
 from ngfsi.store.fields import DISPLACEMENT, REGION
-from ngfsi.store.stored import Columns, StoredRun
+from ngfsi.store.stored import StoredRun
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ class Surroundings:
     """The tissue at the outer face of the vein's wall, at the nodes of its cells there.
 
     Attributes:
-        angle: rad from x, of the reference shape, -pi to pi.
+        angle: rad from x (see `Course.start`), of the reference shape, -pi to pi.
         pressure: hydrostatic, -tr(sigma)/3, compression positive, Pa.
     """
 
@@ -35,36 +35,45 @@ class Surroundings:
 
     @classmethod
     def of(cls, run: StoredRun, time: float) -> Surroundings:
-        """Return what is stored nearest to `time` (s).
+        """Return what is stored nearest to `time` (s) around the vessel.
 
         Raises:
-            OutputError: the run holds no hydrostatic pressure.
+            OutputError: the vessel has no wall in tissue, or the run holds no hydrostatic pressure.
         """
-        grid, geometry = run.fields(time), run.case.geometry
+        found = run.own_vessel
+        tissue = {*run.case.geometry.solids} - {other.wall for other in run.vessels.values()}
+        if found.wall is None or not tissue:
+            raise OutputError(f"the run in '{run.path}' has no tissue around a wall of the vessel")
+        grid = run.fields(time)
         if PRESSURE not in grid.point_data:
             raise OutputError(f"the run in '{run.path}' holds no hydrostatic pressure: compute it again")
-        regions = [str(name) for name in grid.field_data["regions"]]
-        tissue, wall = (
-            grid.extract_cells(np.flatnonzero(grid.cell_data[REGION] == regions.index(name)))
-            for name in ("tissue", "wall")
-        )
-        places = [np.asarray(part.points - part.point_data[DISPLACEMENT], dtype=float) for part in (tissue, wall)]
-        there = cKDTree(places[1]).query(places[0])[0] < SAME_NODE * geometry.lumen_radius
-        x, y = (places[0][there, i] - geometry.vein_centre[i] for i in range(2))
-        return cls(np.arctan2(y, x), np.asarray(tissue.point_data[PRESSURE], dtype=float)[there])
+        regions = np.array([str(name) for name in grid.field_data["regions"]])
+        parts = [
+            grid.extract_cells(np.flatnonzero(np.isin(regions, list(names))[grid.cell_data[REGION]]))
+            for names in (tissue, {found.wall})
+        ]
+        around, wall = (np.asarray(part.points - part.point_data[DISPLACEMENT], dtype=float) for part in parts)
+        there = cKDTree(wall).query(around)[0] < SAME_NODE * found.radius
+        angle, _ = found.course.around(around[there])
+        return cls(angle, np.asarray(parts[0].point_data[PRESSURE], dtype=float)[there])
 
     def by_angle(self) -> tuple[Array, Array]:
         """Return the middles of even sectors (rad) and the mean pressure (Pa) in each, NaN where no node is."""
         return _means(self.angle, self.pressure, np.linspace(-np.pi, np.pi, ANGLES + 1))
 
 
-def transmission(series: Columns) -> Array:
-    """Return the pressure transmission factor over time: rise of the tissue's pressure at the vein's wall since t = 0,
-    mean over its area, over that of the skin's; NaN while the skin's has not changed."""
-    rise = series["skin_pressure_Pa"] - series["skin_pressure_Pa"][0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        factor = (series["p_tissue_side_Pa"] - series["p_tissue_side_Pa"][0]) / rise
-    return np.where(rise == 0, np.nan, factor)
+def transmission(run: StoredRun) -> Array:
+    """Return the pressure transmission factor over time: rise of the tissue's pressure at the vessel's wall since
+    t = 0, mean over its area, over that of the skin's mean pressure; NaN while the skin's has not changed.
+
+    Raises:
+        OutputError: there is no tissue around the vessel.
+    """
+    if "p_tissue_side_Pa" not in run.series:
+        raise OutputError(f"the run in '{run.path}' has no tissue around the vessel")
+    arrived = run.series["p_tissue_side_Pa"] - run.series["p_tissue_side_Pa"][0]
+    rise = np.zeros_like(arrived) if run.skin_pressure is None else run.skin_pressure - run.skin_pressure[0]
+    return np.asarray(np.divide(arrived, rise, out=np.full_like(arrived, np.nan), where=rise != 0))
 
 
 def _means(places: Array, values: Array, edges: Array) -> tuple[Array, Array]:

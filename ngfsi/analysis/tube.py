@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ngfsi.analysis.tube_law import LAWS, Fit, TubeLaw, fit
 from ngfsi.analysis.vein_1d import CELLS, CollapsibleVein, Solution
 from ngfsi.errors import OutputError
-from ngfsi.measure.sections import STATIONS
 from ngfsi.store.stored import StoredRun
 
 Array = NDArray[np.float64]
@@ -21,38 +20,46 @@ Against = Literal["skin", "tissue"]
 
 
 def externals(run: StoredRun) -> tuple[Against, ...]:
-    """Return what the external pressure of a run can be: with cuffs none on the skin is that of the whole vein."""
-    return ("tissue",) if run.case.loads.cuffs else ("skin", "tissue")
+    """Return what the external pressure of a vessel can be: with cuffs none on the skin is that of the whole vessel."""
+    has = {
+        "skin": "skin_pressure_Pa" in run.series and not run.case.loads.cuffs,
+        "tissue": "p_transmural_z00_Pa" in run.series,
+    }
+    return tuple(against for against in get_args(Against) if has[against])
 
 
 def areas(run: StoredRun) -> Array:
     """Return the area (m2) of each station over time, (times, stations)."""
-    return _stations(run, "area", "m2")
+    return run.along("area", "m2")
 
 
 def transmural(run: StoredRun, against: Against) -> Array:
     """Return the transmural pressure (Pa) at each station over time, (times, stations).
 
     Raises:
-        OutputError: the run was computed before that was measured, or has cuffs instead of one pressure on the skin.
+        OutputError: that was not measured, or cuffs are on the skin instead of one pressure.
     """
-    if against not in externals(run):
+    if against == "tissue":
+        return run.along("p_transmural", "Pa")
+    if run.case.loads.cuffs:
         raise OutputError(
             f"the run in '{run.path}' has cuffs on its skin, not one pressure: its transmural pressure is known "
             "against the tissue only"
         )
-    if against == "tissue":
-        return _stations(run, "p_transmural", "Pa")
-    return _stations(run, "p_blood", "Pa") - run.series["skin_pressure_Pa"][:, None]
+    if "skin_pressure_Pa" not in run.series:
+        raise OutputError(f"the run in '{run.path}' has no pressure on a skin")
+    return run.along("p_blood", "Pa") - run.series["skin_pressure_Pa"][:, None]
 
 
 def tube_laws(run: StoredRun, against: Against = "skin") -> Mapping[str, list[Fit]]:
     """Return each law of `LAWS` fitted at each station over the times of a run, the best law first.
 
     Raises:
-        OutputError: as of `transmural`.
+        OutputError: as of `transmural`, or the vessel has a rigid wall.
         SolverError: a law does not fit, e.g. since the transmural pressure or the area hardly changes.
     """
+    if run.own_vessel.wall is None:
+        raise OutputError(f"the run in '{run.path}' has a rigid wall: its area follows no tube law")
     pressure, area = transmural(run, against), areas(run)
     fits = {name: [fit(name, p, a) for p, a in zip(pressure.T, area.T, strict=True)] for name in LAWS}
     return dict(sorted(fits.items(), key=lambda item: overall_error(item[1])))
@@ -95,7 +102,7 @@ class Comparison:
 
 
 def in_one_dimension(run: StoredRun) -> Comparison:
-    """Compute the loads of a run in one dimension, with the law that fits best against the pressure on the skin.
+    """Compute a vessel in one dimension, with the law that fits best against the pressure on the skin.
 
     Raises:
         OutputError: as of `tube_laws`, or the run has a given pressure at its inlet.
@@ -104,36 +111,31 @@ def in_one_dimension(run: StoredRun) -> Comparison:
     if run.case.loads.inlet_pressure is not None:
         raise OutputError(f"the run in '{run.path}' has a given inlet pressure: one dimension takes a given inlet flow")
     fits = next(iter(tube_laws(run).values()))
-    places, stations = (np.arange(CELLS) + 0.5) / CELLS, np.linspace(0, 1, STATIONS)
+    places, stations = (np.arange(CELLS) + 0.5) / CELLS, np.linspace(0, 1, len(fits))
     area, stiffness = (
         np.interp(places, stations, [getattr(one.law, name) for one in fits]) for name in ("area", "stiffness")
     )
     case, series = run.case, run.series
     loads, blood = case.loads, case.materials.fluid
-    assert blood is not None  # a run is of a vein with blood
+    assert blood is not None  # a tube law is of a vein with blood
     vein = CollapsibleVein(
         law=TubeLaw(fits[0].law.name, area, stiffness),
-        length=case.geometry.length,
+        length=run.own_vessel.course.length,
         density=blood.density,
         viscosity=blood.nominal_viscosity,
-        inflow=loads.inlet_flow,
+        inflow=(lambda time: float(np.interp(time, series["time_s"], series["flow_in_m3_s"])))
+        if run.vessel
+        else loads.inlet_flow,
         outlet_pressure=loads.outlet_pressure,
         external_pressure=loads.skin_pressure,
     )
-    found = vein.solve(series["time_s"])
-    one = {"area": found.mean_area, "flow": found.flow[:, -1], "SAWSS": found.sawss}
+    solution = vein.solve(series["time_s"])
+    one = {"area": solution.mean_area, "flow": solution.flow[:, -1], "SAWSS": solution.sawss}
     columns = {"area": "lumen_area_mean_m2", "flow": "flow_out_m3_s", "SAWSS": "sawss_Pa"}
     three = {name: series[column] for name, column in columns.items()}
-    return Comparison(fits, found, one, three, {name: _gap(one[name], three[name]) for name in one})
+    return Comparison(fits, solution, one, three, {name: _gap(one[name], three[name]) for name in one})
 
 
 def _gap(one: Array, three: Array) -> Gap:
     mean = float(np.mean(three))
     return Gap(float(np.mean(one)) / mean - 1, float(np.sqrt(np.mean((one - three) ** 2))) / mean)
-
-
-def _stations(run: StoredRun, name: str, unit: str) -> Array:
-    columns = [f"{name}_z{station:02d}_{unit}" for station in range(STATIONS)]
-    if missing := [column for column in columns if column not in run.series]:
-        raise OutputError(f"the run in '{run.path}' holds no {missing[0]}: compute it again")
-    return np.column_stack([run.series[column] for column in columns])

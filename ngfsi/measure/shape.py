@@ -112,11 +112,12 @@ class Shape:
         """Return the shapes of those sections."""
         return replace(self, **{field.name: getattr(self, field.name)[numbers] for field in fields(self)})
 
-    def rows(self, time: float) -> list[dict[str, float]]:
-        """Return a row of a table for each station; time in s."""
+    def rows(self, time: float, vessel: int | None = None) -> list[dict[str, float]]:
+        """Return a row of a table for each station; time in s; `vessel`: its number where there are several."""
+        of: dict[str, float] = {"time_s": time} if vessel is None else {"time_s": time, "vessel": vessel}
         return [
             {
-                "time_s": time,
+                **of,
                 "station": station,
                 **{f"centre_{name}_m": float(self.centre[station, i]) for i, name in enumerate("xyz")},
                 "area_m2": float(self.area[station]),

@@ -11,14 +11,26 @@ import plotly.graph_objects as go
 import pyvista as pv
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
-from scipy.interpolate import griddata
 
 from ngfsi.analysis.decomposition import decompose
 from ngfsi.analysis.transmission import Surroundings
 from ngfsi.analysis.tube import Comparison, areas, externals, transmural, tube_laws
 from ngfsi.report.figures import COLOURS, QUIET
-from ngfsi.store.fields import COLLAPSE, DISPLACEMENT, REGION
+from ngfsi.report.shapes import (
+    FROM_ABOVE,
+    FROM_THE_SIDE,
+    OFF_FACES,
+    SHEAR,
+    course,
+    is_plane,
+    lower_half,
+    middle,
+    solids,
+    unroll,
+)
+from ngfsi.store.fields import COLLAPSE
 from ngfsi.store.stored import StoredRun
+from ngfsi.store.vessels import Frame
 from ngfsi.units import from_si
 
 Array = NDArray[np.float64]
@@ -29,15 +41,10 @@ SCALE = "Viridis"
 """Of the colours of fields: even steps of brightness, for colour-blind readers too."""
 LONGEST = 1.9
 """Longest side of a scene, in plotly's units."""
-SIDEWAYS: dict[str, Any] = {"eye": {"x": 0.2, "y": 1.1, "z": 0.2}, "up": {"x": 1, "y": 0, "z": 0}}
-FROM_ABOVE: dict[str, Any] = {"eye": {"x": 0.9, "y": -2.1, "z": 2.0}, "up": {"x": 0, "y": 0, "z": 1}}
-CUT_POINTS, AROUND, ALONG = 181, 121, 61
-"""Points across a cut, and of an unrolled wall."""
-OFF_FACES = 0.01
-"""Share of the length by which a cut lies off mid-length."""
+CUT_POINTS = 181
+"""Points across a cut."""
 MODE_DRAWN = 0.4
 """Largest motion of a mode that is drawn, over the lumen's radius."""
-SHEAR = "wall_shear_magnitude_Pa"
 
 
 def over_time(
@@ -74,18 +81,15 @@ def causes(runs: Runs) -> go.Figure:
     return figure.update_layout(barmode="relative", bargap=0)
 
 
-def along_vein(runs: Runs, prefix: str, suffix: str, factor: float, label: str) -> go.Figure:
-    """Return a quantity that the series hold for each station, over the position along the vein: first (dotted) and
+def along_vein(runs: Runs, name: str, unit: str, factor: float, label: str) -> go.Figure:
+    """Return a quantity that the series hold for each station, over the position along the vessel: first (dotted) and
     last."""
     figure = _figure("position along the vein [mm]", label)
     for (title, run), colour in zip(runs.items(), _colours(), strict=False):
-        columns = sorted(name for name in run.series if name.startswith(prefix) and name.endswith(suffix))
-        if not columns:
-            raise KeyError(f"{prefix}00{suffix}")
-        heights = np.linspace(0, run.case.geometry.length * 1e3, len(columns))
+        values = factor * run.along(name, unit)
+        positions = np.linspace(0, course(run).length * 1e3, values.shape[1])
         for row, dash in ((0, "dot"), (-1, "solid")):
-            values = [factor * run.series[name][row] for name in columns]
-            figure.add_scatter(x=heights, y=values, name=f"{title}, t = {run.series['time_s'][row]:.3g} s",
+            figure.add_scatter(x=positions, y=values[row], name=f"{title}, t = {run.series['time_s'][row]:.3g} s",
                                mode="lines+markers", line={"color": colour, "dash": dash})  # fmt: skip
     return figure
 
@@ -126,21 +130,20 @@ def one_dimension(comparisons: Mapping[str, Comparison]) -> go.Figure:
 
 def outlines(runs: Runs) -> go.Figure:
     """Return the outline of the lumen at mid-length, first (grey) and last, a panel per run."""
-    figure = _panels(list(runs), "x, lateral [mm]", "y, anterior [mm]")
+    figure = _sections(runs)
     for column, (run, colour) in enumerate(zip(runs.values(), _colours(), strict=False), start=1):
         for time, shade in ((0.0, QUIET), (np.inf, colour)):
             found, rings = run.outlines(min(time, float(run.series["time_s"][-1])))
-            ring = rings[len(rings) // 2, :, :2] * 1e3
+            ring = middle(run).across(rings[len(rings) // 2]) * 1e3
             x, y = np.vstack([ring, ring[:1]]).T
             figure.add_scatter(x=x, y=y, name=f"t = {found:.3g} s", mode="lines", line={"color": shade}, row=1,
                                col=column)  # fmt: skip
-        figure.update_yaxes(scaleanchor=f"x{column if column > 1 else ''}", row=1, col=column)
     return figure
 
 
 def cut(runs: Runs) -> go.Figure:
-    """Return the hydrostatic pressure of the solids in the deformed calf's section at mid-length, at the last time."""
-    figure = _panels(list(runs), "x, lateral [mm]", "y, anterior [mm]")
+    """Return the hydrostatic pressure of the solids in the deformed section at mid-length, at the last time."""
+    figure = _sections(runs)
     images = [_section(run) for run in runs.values()]
     known = np.concatenate([pressure[np.isfinite(pressure)] for *_, pressure in images])
     low, high = np.percentile(known, [1, 99]) if len(known) else (0.0, 1.0)
@@ -148,29 +151,27 @@ def cut(runs: Runs) -> go.Figure:
         figure.add_heatmap(x=x, y=y, z=pressure, colorscale=SCALE, zmin=low, zmax=high, showscale=column == 1,
                            colorbar={"title": "kPa"}, hovertemplate="%{z:.2f} kPa<extra></extra>", row=1,
                            col=column)  # fmt: skip
-        figure.update_yaxes(scaleanchor=f"x{column if column > 1 else ''}", row=1, col=column)
     return figure
 
 
 def _section(run: StoredRun) -> tuple[Array, Array, Array]:
-    """Return x, y [mm] and hydrostatic pressure [kPa] on a grid, NaN outside of the solids."""
-    grid = _solids(run)
-    low, high = np.array(grid.bounds[::2]), np.array(grid.bounds[1::2])
-    size = float(max(high[:2] - low[:2])) / (CUT_POINTS - 1)
-    # off the faces between elements, where VTK finds a point in either of them or in none
-    height = low[2] + (0.5 + OFF_FACES) * (high[2] - low[2])
-    image = pv.ImageData(dimensions=(CUT_POINTS, CUT_POINTS, 1), spacing=(size, size, 1.0),
-                         origin=(low[0], low[1], height))  # fmt: skip
-    sampled = image.sample(grid.triangulate())
+    """Return places [mm] across the vessel and hydrostatic pressure [kPa] on a grid, NaN outside of the solids."""
+    grid = solids(run)
+    frame = Frame(np.zeros(3), np.eye(3)) if is_plane(grid) else course(run).frame(0.5 + OFF_FACES)
+    flat = frame.across(np.asarray(grid.points, dtype=float))
+    low, size = flat.min(axis=0), float(np.ptp(flat, axis=0).max()) / (CUT_POINTS - 1)
+    x, y = (low[i] + size * np.arange(CUT_POINTS) for i in range(2))
+    across = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    height = float(frame.centre @ frame.axes[2])
+    sampled = pv.PolyData(across @ frame.axes[:2] + height * frame.axes[2]).sample(grid.triangulate())
     values = np.asarray(sampled.point_data["hydrostatic_pressure_Pa"], dtype=float) / 1e3
     values[np.asarray(sampled.point_data["vtkValidPointMask"]) == 0] = np.nan
-    x, y = (1e3 * (low[i] + size * np.arange(CUT_POINTS)) for i in range(2))
-    return x, y, values.reshape(CUT_POINTS, CUT_POINTS)
+    return 1e3 * x, 1e3 * y, values.reshape(CUT_POINTS, CUT_POINTS)
 
 
 def around(runs: Runs) -> go.Figure:
     """Return the hydrostatic pressure of the tissue at the vein's wall over the angle, first (dotted) and last."""
-    figure = _figure("angle from x, lateral [deg]", "pressure at the wall [kPa]")
+    figure = _figure(_angle(runs), "pressure at the wall [kPa]")
     for (title, run), colour in zip(runs.items(), _colours(), strict=False):
         for time, dash in ((run.field_times()[0], "dot"), (run.field_times()[-1], "solid")):
             angle, pressure = Surroundings.of(run, time).by_angle()
@@ -182,7 +183,7 @@ def around(runs: Runs) -> go.Figure:
 
 def unrolled(runs: Runs) -> go.Figure:
     """Return the wall shear stress at the last time over the angle around and the position along the vein."""
-    figure = _panels(list(runs), "angle from x [deg]", "position along the vein [mm]", shared_yaxes=True)
+    figure = _panels(list(runs), _angle(runs), "position along the vein [mm]", shared_yaxes=True)
     for column, run in enumerate(runs.values(), start=1):
         angle, height, shear = unroll(run)
         figure.add_heatmap(x=angle, y=height, z=shear, coloraxis="coloraxis",
@@ -191,26 +192,8 @@ def unrolled(runs: Runs) -> go.Figure:
     return figure.update_layout(coloraxis={"colorscale": SCALE, "colorbar": {"title": "Pa"}})
 
 
-def unroll(run: StoredRun) -> tuple[Array, Array, Array]:
-    """Return angles [deg], heights [mm] and wall shear stress [Pa] (heights, angles) of the last stored wall.
-
-    Angle and height are those of a point of the wall at the first stored time.
-    """
-    times = run.field_times("wall")
-    place, values = run.fields(times[0], "wall").points, run.fields(times[-1], "wall").point_data[SHEAR]
-    x, y = (place[:, i] - run.case.geometry.vein_centre[i] for i in range(2))
-    angle = np.degrees(np.arctan2(y, x))
-    known = np.column_stack([np.concatenate([angle + turn for turn in (-360, 0, 360)]), np.tile(place[:, 2] * 1e3, 3)])
-    angles, heights = np.linspace(-180, 180, AROUND), 1e3 * np.linspace(place[:, 2].min(), place[:, 2].max(), ALONG)
-    wanted = tuple(np.meshgrid(angles, heights))
-    # degrees and millimetres are of like size, which the triangulation needs
-    values = np.tile(np.asarray(values, dtype=float), 3)
-    linear, nearest = (griddata(known, values, wanted, method=method) for method in ("linear", "nearest"))
-    return angles, heights, np.where(np.isfinite(linear), linear, nearest)
-
-
 def vein(run: StoredRun) -> go.Figure:
-    """Return the vein's deformed inner wall with its wall shear stress, to be turned, at each of up to seven times."""
+    """Return the deformed inner walls with their wall shear stress, to be turned, at each of up to seven times."""
     times = run.field_times("wall")
     chosen = [times[i] for i in np.unique(np.linspace(0, len(times) - 1, min(7, len(times))).round().astype(int))]
     walls = [run.fields(time, "wall") for time in chosen]
@@ -219,31 +202,27 @@ def vein(run: StoredRun) -> go.Figure:
         _surface(wall.extract_surface(algorithm="dataset_surface"), wall.point_data[SHEAR], "Pa", (0.0, high))
         for wall in walls
     ]
-    return _stages(traces, [f"{time:.3g} s" for time in chosen], SIDEWAYS)
+    return _stages(traces, [f"{time:.3g} s" for time in chosen], _camera(run, FROM_THE_SIDE, up=0))
 
 
 def tissue(run: StoredRun) -> go.Figure:
-    """Return the lower half of the deformed tissue, coloured by displacement, to be turned, first and last."""
-    traces = []
-    times = run.field_times()
-    last = _lower_half(run, times[-1])
-    high = float(last.point_data["size"].max())
-    for half in (_lower_half(run, times[0]), last):
-        traces.append(_surface(half, half.point_data["size"], "mm", (0.0, high)))
-    return _stages(traces, [f"{time:.3g} s" for time in (times[0], times[-1])], FROM_ABOVE)
+    """Return the lower half of the deformed solids, coloured by displacement, to be turned, first and last."""
+    times = [run.field_times()[0], run.field_times()[-1]]
+    halves = [_skin_of(lower_half(run, time)) for time in times]
+    high = float(halves[-1].point_data["displacement"].max())
+    traces = [_surface(half, half.point_data["displacement"], "mm", (0.0, high)) for half in halves]
+    return _stages(traces, [f"{time:.3g} s" for time in times], _camera(run, FROM_ABOVE, up=2))
 
 
 def stability(runs: Runs) -> go.Figure:
     """Return the pressure at which each run's vein would collapse, as extrapolated at each stage, over the pressure on
-    the skin, and the smallest eigenvalue."""
+    the skin (with the strongest cuff), and the smallest eigenvalue."""
     figure = _style(make_subplots(1, 2, horizontal_spacing=0.12)).update_xaxes(title="pressure on the skin [mmHg]")
     figure.update_yaxes(title="critical pressure on the skin [mmHg]", col=1)
     figure.update_yaxes(title="smallest eigenvalue [1/s²]", col=2)
     highest = 0.0
     for (title, run), colour in zip(runs.items(), _colours(), strict=False):
         table = run.stability
-        if not table:
-            continue
         skin, critical = (
             np.array([from_si(value, "mmHg") for value in table[name]])
             for name in ("skin_pressure_Pa", "critical_skin_pressure_Pa")
@@ -259,29 +238,44 @@ def stability(runs: Runs) -> go.Figure:
 
 
 def collapse(run: StoredRun) -> go.Figure:
-    """Return the lower half of the tissue moved along the last stage's mode of collapse, coloured by its size."""
-    half = _lower_half(run, np.inf)
+    """Return the lower half of the solids moved along the last stage's mode of collapse, coloured by its size."""
+    half = _skin_of(lower_half(run, np.inf))
     if COLLAPSE not in half.point_data:
         raise KeyError(COLLAPSE)
     mode = np.asarray(half.point_data[COLLAPSE], dtype=float)
     size = np.linalg.norm(mode, axis=1)
-    half.points += (MODE_DRAWN * run.case.geometry.lumen_radius / size.max() * mode).astype(half.points.dtype)
-    return _stages([_surface(half, size / size.max(), "1", (0.0, 1.0))], [f"{run.field_times()[-1]:.3g} s"], FROM_ABOVE)
+    half.points += (MODE_DRAWN * run.own_vessel.radius / size.max() * mode).astype(half.points.dtype)
+    label = f"{run.field_times()[-1]:.3g} s"
+    return _stages([_surface(half, size / size.max(), "1", (0.0, 1.0))], [label], _camera(run, FROM_ABOVE, up=2))
 
 
-def _lower_half(run: StoredRun, time: float) -> Any:
-    solid = _solids(run, time)
-    solid.point_data["size"] = np.linalg.norm(solid.point_data[DISPLACEMENT], axis=1) * 1e3
-    low, high = solid.bounds[4:]
-    return solid.clip("z", origin=(0.0, 0.0, low + (0.5 + OFF_FACES) * (high - low))).extract_surface(
-        nonlinear_subdivision=1, algorithm="dataset_surface"
-    )
+def _skin_of(grid: Any) -> Any:
+    return grid.extract_surface(nonlinear_subdivision=1, algorithm="dataset_surface")
 
 
-def _solids(run: StoredRun, time: float = np.inf) -> Any:
-    grid = run.fields(min(time, run.field_times()[-1]))
-    fluid = [str(name) for name in grid.field_data["regions"]].index(run.case.geometry.fluid)
-    return grid.extract_cells(np.flatnonzero(grid.cell_data[REGION] != fluid))
+def _camera(run: StoredRun, eye: Sequence[float], up: int) -> dict[str, Any]:
+    """Return plotly's camera for a way to look, as components along the axes of the vessel's middle."""
+    axes = middle(run).axes
+    return {
+        name: dict(zip("xyz", map(float, way), strict=True))
+        for name, way in (("eye", np.dot(eye, axes)), ("up", axes[up]))
+    }
+
+
+def _angle(runs: Runs) -> str:
+    """Return the title of an axis of angles."""
+    start = course(next(iter(runs.values()))).start
+    return f"angle from {start}{', lateral' if start == 'x' else ''} [deg]"
+
+
+def _sections(runs: Runs) -> go.Figure:
+    """Return a panel of equal axes per run for what lies across its vessel."""
+    transverse = all(middle(run).is_transverse for run in runs.values())
+    labels = ("x, lateral [mm]", "y, anterior [mm]") if transverse else ("across the vein [mm]",) * 2
+    figure = _panels(list(runs), *labels)
+    for column in range(1, len(runs) + 1):
+        figure.update_yaxes(scaleanchor=f"x{column if column > 1 else ''}", row=1, col=column)
+    return figure
 
 
 def _surface(surface: Any, values: Any, unit: str, limits: tuple[float, float]) -> go.Mesh3d:

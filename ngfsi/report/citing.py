@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
-from typing import Any
 
 from ngfsi.case import Case
 from ngfsi.materials import available_sets, read_set
 from ngfsi.parallel.ranks import threads
 from ngfsi.store.folder import CASE
+from ngfsi.store.provenance import named_commit
 from ngfsi.store.stored import StoredRun
 
 SOFTWARE = (
@@ -43,7 +42,7 @@ def citations(run: StoredRun) -> dict[str, list[str]]:
     """Return what a run rests on: heading -> references; of the methods and materials only those that it used."""
     versions = run.manifest.get("versions", {})
     case = run.case
-    named = f"ngfsi {versions.get('ngfsi', '')}{_commit(run.manifest)}, with NGSolve {versions.get('ngsolve', '')}"
+    named = f"ngfsi {versions.get('ngfsi', '')}{named_commit(run.manifest)}, with NGSolve {versions.get('ngsolve', '')}"
     methods = [MIXING] if case.solver.linearise == "when slow" else []
     methods += [SOLVERS[name] for name in (run.manifest.get("linear_solver"),) if name in SOLVERS]
     methods += [PRESTRESS] if case.conditions.initial_state == "prestress" else []
@@ -87,8 +86,3 @@ def _materials(case: Case) -> list[str]:
         if source := getattr(material, "source", ""):
             found.setdefault(f"{region}, law {material.law}: {source}")
     return list(found)
-
-
-def _commit(manifest: Mapping[str, Any]) -> str:
-    commit = manifest.get("commit")
-    return f", commit {commit['id'][:10]}{' with changes' if commit['dirty'] else ''}" if commit else ""

@@ -1,25 +1,33 @@
-"""The report of one run or several compared: a single HTML file that needs no network, with interactive charts."""
+"""The report of one run or several compared: a single HTML file that needs no network, with interactive charts.
+
+What a run does not have, by its model, is left out; a chart that fails although it could be drawn says why.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from html import escape
+from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment
+from markupsafe import Markup
 from plotly.io import write_images
 from plotly.offline import get_plotlyjs
 
 from ngfsi.analysis.decomposition import STAGES, decompose, narrowing
 from ngfsi.analysis.transmission import transmission
-from ngfsi.analysis.tube import Comparison, externals, in_one_dimension, overall_error, tube_laws
+from ngfsi.analysis.tube import Comparison, externals, in_one_dimension, overall_error, transmural, tube_laws
 from ngfsi.errors import NgfsiError, OutputError
 from ngfsi.report import charts
 from ngfsi.report.charts import Runs
+from ngfsi.report.shapes import is_plane
+from ngfsi.report.tables import flat
 from ngfsi.store.disk import explained
-from ngfsi.store.stored import SAME_TIME, StoredRun, open_run
+from ngfsi.store.stored import StoredRun, open_run
 from ngfsi.units import from_si
 
 REFERENCES = (
@@ -30,15 +38,43 @@ REFERENCES = (
     "Melbo and Kvamsdal, CMAME 192 (2003) 613: tractions from the balance of momentum.",
     "Schöberl, C++11 implementation of finite elements in NGSolve (2014); NETGEN, Comput Visual Sci 1 (1997) 41.",
 )
-Chart = tuple[str, Callable[[], Any], str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; with a summary it is folded under that."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    kind: str = ""
+    summary: str = ""
+
+
+Part = Table | str | Sequence[str]
+"""A table, a note, a chart (`Markup`), or a list."""
+Section = tuple[str, Sequence[Part]]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart of those runs that have what it shows.
+
+    Attributes:
+        of: "vessel": one for each vessel; "run": one for each run; "all": one for all.
+        make: returns the figure; of the runs, or of one run.
+        has: whether a run has what it shows.
+        note: below it, or what returns that for the runs.
+    """
+
+    title: str
+    of: str
+    make: Callable[[Any], Any]
+    has: Callable[[StoredRun], bool]
+    note: str | Callable[[Runs], str] = ""
+
+
+Drawn = tuple[str, Callable[[], Any], str]
 """Title, maker and note of a chart."""
-STYLE = """
-body{font:15px/1.5 system-ui,sans-serif;margin:0 auto;max-width:1200px;padding:1.5rem;color:#1a1a1a}
-h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.2rem;border-bottom:1px solid #ccc}
-table{border-collapse:collapse;margin:.6rem 0}td,th{padding:.2rem .8rem;text-align:right;border-bottom:1px solid #ddd}
-td:first-child,th:first-child{text-align:left}tr.differs{background:#fff3d6}p.note{color:#555;max-width:60rem}
-.bad{color:#b00000;font-weight:600}
-"""
 
 
 def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any] | None = None) -> Path:
@@ -59,19 +95,16 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
     sections = [
         _headline(runs),
         _setup(runs),
-        *(_chart(*one) for one in _charts(runs)),
+        *(_section(*one) for one in _charts(runs)),
         *_tube(runs),
-        _claims(runs, claims or {}),
+        *_claims(runs, claims or {}),
         _costs(runs),
         _sources(runs),
     ]
-    title = "ngfsi: " + ", ".join(runs)
-    text = (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{STYLE}</style><script>{get_plotlyjs()}</script></head><body><h1>{escape(title)}</h1>"
-        + "\n".join(sections)
-        + "</body></html>"
+    template = Environment(autoescape=True).from_string(
+        files("ngfsi.report").joinpath("report.html.j2").read_text(encoding="utf-8")
     )
+    text = template.render(title="ngfsi: " + ", ".join(runs), sections=sections, plotly=get_plotlyjs())
     with explained(destination):
         destination.parent.mkdir(parents=True, exist_ok=True)
         destination.write_text(text, encoding="utf-8")
@@ -90,11 +123,14 @@ def figures(folders: Sequence[Path], destination: Path) -> list[Path]:
     """
     runs = _named(folders)
     drawn: list[Any] = []
-    files: list[Path] = []
+    paths: list[Path] = []
     with explained(destination, "made"):
         destination.mkdir(parents=True, exist_ok=True)
-    one_dimension = ("In one dimension", lambda: charts.one_dimension(_in_one_dimension(runs)), "")
-    for title, make, _ in (*_charts(runs), *_tube_charts(runs), one_dimension):
+    in_one = [
+        (f"In one dimension{of}", lambda views=views: charts.one_dimension(_in_one_dimension(views)), "")
+        for of, views in _vessels(runs, _is_in_one_dimension)
+    ]
+    for title, make, _ in (*_charts(runs), *_tube_charts(runs), *in_one):
         try:
             figure = make()
         except (NgfsiError, KeyError):  # the report says why
@@ -103,15 +139,15 @@ def figures(folders: Sequence[Path], destination: Path) -> list[Path]:
         in_space = any(trace.type == "mesh3d" for trace in figure.data)
         for kind in ("png",) if in_space else ("svg", "png"):
             drawn.append(figure)
-            files.append(destination / f"{_slug(title)}.{kind}")
+            paths.append(destination / f"{_slug(title)}.{kind}")
     try:
-        write_images(drawn, files, scale=2)
+        write_images(drawn, paths, scale=2)
     except Exception as error:  # of kaleido and of the browser, which have no common class
         raise OutputError(
             "figures are drawn by kaleido with Chrome or Chromium, which did not work here (pip install kaleido; on "
             f"Debian or Ubuntu: apt-get install chromium): {error}"
         ) from None
-    return files
+    return paths
 
 
 def _slug(title: str) -> str:
@@ -127,195 +163,59 @@ def _named(folders: Sequence[Path]) -> dict[str, StoredRun]:
     return dict(zip(names, opened, strict=True))
 
 
-def _loaded(run: StoredRun) -> int:
-    """Return the row of the series when the last load has been reached, or the last row."""
-    times = run.series["time_s"]
-    end = max(run.case.loads.skin_pressure.breakpoints, default=0.0) or times[-1]
-    return int(np.searchsorted(times, end + SAME_TIME)) - 1
-
-
-def _headline(runs: Runs) -> str:
-    head = ["run", "time s", "skin mmHg", "volume lost %", "SAWSS Pa", "SAWSS / t = 0", "SAWSS by momentum balance Pa",
-            "mass defect / inflow", "low shear, % of wall"]  # fmt: skip
-    rows = []
+def _vessels(runs: Runs, has: Callable[[StoredRun], bool]) -> list[tuple[str, Runs]]:
+    """Return for each vessel what its titles end with, and those runs, as if of it alone, that have something."""
+    views: dict[str, dict[str, StoredRun]] = {}
     for title, run in runs.items():
-        series, row = run.series, _loaded(run)
-        sawss, volume = series["sawss_Pa"], series["lumen_volume_m3"]
-        defect = np.max(np.abs(series["mass_defect_m3_s"])) / np.max(np.abs(series["flow_in_m3_s"]))
-        cells = [
-            f"{series['time_s'][row]:.3g}",
-            f"{from_si(series['skin_pressure_Pa'][row], 'mmHg'):.3g}",
-            f"<b>{100 * (1 - volume[row] / volume[0]):.1f}</b>",
-            f"{sawss[row]:.4f}",
-            f"<b>{sawss[row] / sawss[0]:.2f}</b>",
-            _optional(series, "sawss_consistent_Pa", row, lambda other: f"{other:.4f}"),
-            f"{defect:.1e}",
-            _optional(series, "wss_low_area_1", row, lambda share: f"{100 * share:.0f}"),
-        ]
-        rows.append([escape(title) + _ended(run), *cells])
-    note = (
-        "When the load on the skin has been reached. Volume and SAWSS (wall shear stress, mean over the deformed wall) "
-        "are held against the state at t = 0. SAWSS from the gradient of the velocity and from the balance of momentum "
-        "would be equal on an infinitely fine mesh: their difference is of the size of the error in space."
-    )
-    return f"<h2>Result</h2>{_table(head, rows)}{_note(note)}"
+        for name in run.vessels or ("",):
+            view = run.of_vessel(name) if len(run.vessels) > 1 else run
+            if has(view):
+                views.setdefault(name, {})[title] = view
+    return [(f", {name}" if name else "", found) for name, found in views.items()]
 
 
-def _optional(series: Mapping[str, Any], column: str, row: int, text: Callable[[float], str]) -> str:
-    return text(float(series[column][row])) if column in series else "-"
+def _holds(*columns: str) -> Callable[[StoredRun], bool]:
+    """Return whether the series of a run has columns."""
+    return lambda run: set(columns) <= set(run.series)
 
 
-def _ended(run: StoredRun) -> str:
-    if run.status == "completed":
-        return ""
-    return f' <span class="bad">{escape(run.status)}: {escape(str(run.manifest.get("reason", "")))}</span>'
+def _has_wall_fields(run: StoredRun) -> bool:
+    return bool(run.vessels and run.own_vessel.centreline and run.field_times("wall"))
 
 
-def _setup(runs: Runs) -> str:
-    """Return the cases, keys that differ first."""
-    flat = [_flat(run.case.to_toml_dict()) for run in runs.values()]
-    keys = list(dict.fromkeys(key for case in flat for key in case if key != "name"))
-    rows = {key: [case.get(key, "-") for case in flat] for key in keys}
-    differing = {key: values for key, values in rows.items() if len(set(values)) > 1}
-    same = {key: values[:1] for key, values in rows.items() if key not in differing}
-    shown = ""
-    if differing:
-        shown = _table(["key", *runs], [[escape(key), *map(escape, values)] for key, values in differing.items()],
-                       "differs")  # fmt: skip
-    elif len(runs) > 1:
-        shown = _note("The cases are equal.")
-    rest = _table(["key", "value"], [[escape(key), *map(escape, values)] for key, values in same.items()])
-    what = "What the cases have in common" if len(runs) > 1 else "The case"
-    return f"<h2>Setup</h2>{shown}<details><summary>{what}</summary>{rest}</details>"
+def _has_outlines(run: StoredRun) -> bool:
+    return bool(run.vessels and run.own_vessel.centreline and (run.path / "outlines.csv").exists())
 
 
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    found: dict[str, str] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            found |= _flat(value, f"{prefix}{key}.")
-        else:
-            found[f"{prefix}{key}"] = f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
-    return found
+def _has_solids(run: StoredRun) -> bool:
+    return bool(run.case.geometry.solids and run.field_times())
 
 
-def _charts(runs: Runs) -> list[Chart]:
-    """Return title, maker and note of the charts."""
-    quantity = _column
-    first: list[Chart] = [
-        ("Area of the lumen",
-         lambda: charts.over_time(runs, {"area": lambda r: 100 * quantity(r, "lumen_area_mean_m2")
-                                         / quantity(r, "lumen_area_mean_m2")[0]}, "mean area [% of t = 0]"), ""),
-        ("Wall shear stress",
-         lambda: charts.over_time(runs, {"computed": lambda r: quantity(r, "sawss_Pa"),
-                                         "developed flow": lambda r: quantity(r, "sawss_poiseuille_local_Pa")},
-                                  "SAWSS [Pa]", dashed=("developed flow",)),
-         "Dashed: developed flow in circles of the same local area, with the same local flow."),
-        ("Why it rises", lambda: charts.causes(runs), _causes_note(runs)),
-        ("Along the vein: area", lambda: charts.along_vein(runs, "area_z", "_m2", 1e6, "lumen area [mm²]"),
-         "Dotted: t = 0."),
-        ("Along the vein: wall shear stress",
-         lambda: charts.along_vein(runs, "wss_z", "_Pa", 1.0, "WSS, mean around [Pa]"), "Dotted: t = 0."),
-        ("Outline of the lumen at mid-length", lambda: charts.outlines(runs), "Grey: t = 0."),
-        ("Wall shear stress on the unrolled vein", lambda: charts.unrolled(runs), "At the last time."),
-        ("Hydrostatic pressure in the calf", lambda: charts.cut(runs),
-         "-tr(sigma)/3, compression positive, at mid-length at the last time; bones and lumen are left out."),
-        ("Pressure of the tissue around the vein", lambda: charts.around(runs), _transmission_note(runs)),
-    ]  # fmt: skip
-    for title, run in runs.items():
-        first.append((f"Vein in space: {title}", lambda run=run: charts.vein(run), "Drag to turn; wall shear stress."))  # type: ignore[misc]
-        first.append((f"Tissue in space: {title}", lambda run=run: charts.tissue(run),  # type: ignore[misc]
-                      "Lower half of the deformed segment, displacement."))  # fmt: skip
-    first += [
-        ("Flow balance",
-         lambda: charts.over_time(runs, {name: lambda r, c=column: 1e6 * quantity(r, c) for name, column in (  # type: ignore[misc]
-             ("inflow", "flow_in_m3_s"), ("outflow", "flow_out_m3_s"), ("rate of volume", "lumen_volume_rate_m3_s"))},
-             "flow [ml/s]", dashed=("inflow",)), "Inflow = outflow + rate of the lumen's volume."),
-        ("Pressure around the vein",
-         lambda: charts.over_time(runs, {"tissue side": lambda r: quantity(r, "p_tissue_side_Pa") / 1e3,
-                                         "skin": lambda r: quantity(r, "skin_pressure_Pa") / 1e3}, "pressure [kPa]",
-                                  dashed=("skin",)),
-         "Hydrostatic pressure of the tissue at the outer face of the vein's wall, and pressure on the skin."),
-    ]  # fmt: skip
-    if stable := {title: run for title, run in runs.items() if run.stability}:
-        first.append(("Stability", lambda: charts.stability(stable), _stability_note(stable)))
-        for title, run in stable.items():
-            first.append((f"Mode of collapse: {title}", lambda run=run: charts.collapse(run),  # type: ignore[misc]
-                          "Lower half of the segment, moved along the mode; colour: its relative size."))  # fmt: skip
-    return first
+def _has_body(run: StoredRun) -> bool:
+    return _has_solids(run) and not is_plane(run.fields(0.0))
 
 
-def _tube(runs: Runs) -> list[str]:
-    """Return the transmural pressure, the tube law, and the runs again in one dimension."""
-    shown = [_chart(*one) for one in _tube_charts(runs)]
-    try:
-        shown.append(_fits(runs))
-        compared = _in_one_dimension(runs)
-    except (NgfsiError, KeyError) as error:
-        return [*shown, f"<h2>In one dimension</h2>{_note(f'Not shown: {error}')}"]
-    head = ["run, 1-D against 3-D", *(f"{name}: mean, rms %" for name in ("area", "flow", "SAWSS"))]
-    rows = [
-        [escape(title), *(f"{100 * gap.mean:+.2f}, {100 * gap.rms:.2f}" for gap in one.gaps.values())]
-        for title, one in compared.items()
-    ]
-    note = (
-        "Solid: this run; dashed: mass, momentum, the best tube law against the skin, and unsteady laminar friction "
-        "along the vein, with the same loads. Table: gap of the mean over time, and root mean square, over the mean of "
-        "the three-dimensional run. Coarse steps damp the swinging of the blood there."
-    )
-    return [
-        *shown,
-        _chart("In one dimension", lambda: charts.one_dimension(compared), ""),
-        _table(head, rows),
-        _note(note),
-    ]
+def _has_tissue(run: StoredRun) -> bool:
+    return _has_solids(run) and "p_tissue_side_Pa" in run.series
 
 
-def _tube_charts(runs: Runs) -> list[Chart]:
-    return [
-        ("Along the vein: transmural pressure",
-         lambda: charts.along_vein(runs, "p_transmural_z", "_Pa", 1e-3, "transmural pressure [kPa]"),
-         "Blood less tissue: its normal traction on the wall, mean around. Dotted: t = 0."),
-        ("Tube law", lambda: charts.tube_law(runs), ""),
-    ]  # fmt: skip
+def _share_of_start(column: str, label: str) -> Callable[[Runs], Any]:
+    return lambda runs: charts.over_time(runs, {"area": lambda r: 100 * r.series[column] / r.series[column][0]}, label)
 
 
-def _in_one_dimension(runs: Runs) -> dict[str, Comparison]:
-    return {title: in_one_dimension(run) for title, run in runs.items()}
+def _over_time(
+    label: str, quantities: Mapping[str, tuple[str, float]], dashed: Sequence[str] = ()
+) -> Callable[[Runs], Any]:
+    """Return the maker of a chart of columns over time; name of the line -> column and factor."""
+    lines = {name: lambda run, c=column, f=factor: f * run.series[c] for name, (column, factor) in quantities.items()}
+    return lambda runs: charts.over_time(runs, lines, label, dashed=dashed)
 
 
-def _fits(runs: Runs) -> str:
-    head = ["run, law", "against", "A0 at mid-length mm²", "K kPa", "rms error of area %", "largest %"]
-    rows = []
-    for title, run in runs.items():
-        for against in externals(run):
-            for name, fits in tube_laws(run, against).items():
-                middle = fits[len(fits) // 2].law
-                rows.append([escape(f"{title}, {name}"), against, f"{1e6 * float(middle.area):.2f}",
-                             f"{float(middle.stiffness) / 1e3:.3f}", f"{100 * overall_error(fits):.3f}",
-                             f"{100 * max(one.largest for one in fits):.3f}"])  # fmt: skip
-    note = (
-        "Laws: linear, T = K (a - 1) with a = A/A0; elastic ring, K (sqrt a - 1), Sherwin et al., J Eng Math 47 "
-        "(2003); collapsible, K (a^10 - a^-1.5), Shapiro, J Biomech Eng 99 (1977), Brook et al., J Fluid Mech 396 "
-        "(1999). Errors are relative to the computed areas at all stations and times."
-    )
-    return _table(head, rows) + _note(note)
-
-
-def _column(run: StoredRun, name: str) -> Any:
-    return run.series[name]
-
-
-def _chart(title: str, make: Callable[[], Any], note: str) -> str:
-    try:
-        figure = make()
-    except (NgfsiError, KeyError) as error:
-        missing = error if isinstance(error, NgfsiError) else f"the run holds no {error}"
-        return f"<h2>{escape(title)}</h2>{_note(f'Not shown: {missing}')}"
-    name = _slug(title)
-    config = {"displaylogo": False, "responsive": True, "toImageButtonOptions": {"format": "svg", "filename": name}}
-    body = figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=name)
-    return f"<h2>{escape(title)}</h2>{body}{_note(note) if note else ''}"
+def _around_vein(runs: Runs) -> Any:
+    lines = {"tissue side": lambda run: run.series["p_tissue_side_Pa"] / 1e3}
+    if all(run.skin_pressure is not None for run in runs.values()):
+        lines["skin"] = lambda run: run.skin_pressure / 1e3
+    return charts.over_time(runs, lines, "pressure [kPa]", dashed=("skin",))
 
 
 def _stability_note(runs: Runs) -> str:
@@ -336,9 +236,7 @@ def _stability_note(runs: Runs) -> str:
 def _causes_note(runs: Runs) -> str:
     said = []
     for title, run in runs.items():
-        if not set(STAGES.values()) <= set(run.series):
-            continue
-        row = _loaded(run)
+        row = run.loaded_row
         parts = ", ".join(f"{cause} {values[row]:.4f}" for cause, values in decompose(run.series).items())
         said.append(f"{title} at {run.series['time_s'][row]:.3g} s, in Pa: {parts}.")
     return " ".join(said)
@@ -347,20 +245,252 @@ def _causes_note(runs: Runs) -> str:
 def _transmission_note(runs: Runs) -> str:
     said = ["Dotted: t = 0. Where a bone shields the vein, less arrives."]
     for title, run in runs.items():
-        share = transmission(run.series)[_loaded(run)]
+        share = transmission(run)[run.loaded_row]
         if np.isfinite(share):
-            said.append(f"{title}: {100 * share:.0f} % of the rise of the skin's pressure arrives at the wall.")
+            said.append(f"{title}: {100 * share:.0f} % of the rise of the skin's mean pressure arrives at the wall.")
     return " ".join(said)
 
 
-def _claims(runs: Runs, claims: Mapping[str, Any]) -> str:
+CHARTS = (
+    Chart("Area of the lumen", "vessel",
+          _share_of_start("lumen_area_mean_m2", "mean area [% of t = 0]"),
+          _holds("lumen_area_mean_m2")),
+    Chart("Area of the lumen in the section", "vessel",
+          _share_of_start("lumen_area_m2", "area [% of t = 0]"),
+          _holds("lumen_area_m2")),
+    Chart("Area inside the skin", "all",
+          _share_of_start("skin_area_m2", "area [% of t = 0]"),
+          _holds("skin_area_m2")),
+    Chart("Largest displacement", "all", _over_time("displacement [mm]", {"displacement": ("displacement_max_m", 1e3)}),
+          lambda run: "displacement_max_m" in run.series and not any(name.endswith("sawss_Pa") for name in run.series)),
+    Chart("Wall shear stress", "vessel",
+          _over_time("SAWSS [Pa]", {"computed": ("sawss_Pa", 1.0),
+                                    "developed flow": ("sawss_poiseuille_local_Pa", 1.0)}, ("developed flow",)),
+          _holds("sawss_Pa", "sawss_poiseuille_local_Pa"),
+          "Dashed: developed flow in circles of the same local area, with the same local flow."),
+    Chart("Why it rises", "vessel", charts.causes, _holds(*STAGES.values()), _causes_note),
+    Chart("Along the vein: area", "vessel",
+          lambda runs: charts.along_vein(runs, "area", "m2", 1e6, "lumen area [mm²]"), _holds("area_z00_m2"),
+          "Dotted: t = 0."),
+    Chart("Along the vein: wall shear stress", "vessel",
+          lambda runs: charts.along_vein(runs, "wss", "Pa", 1.0, "WSS, mean around [Pa]"), _holds("wss_z00_Pa"),
+          "Dotted: t = 0."),
+    Chart("Outline of the lumen at mid-length", "vessel", charts.outlines, _has_outlines, "Grey: t = 0."),
+    Chart("Wall shear stress on the unrolled vein", "vessel", charts.unrolled, _has_wall_fields, "At the last time."),
+    Chart("Hydrostatic pressure in the calf", "all", charts.cut, _has_solids,
+          "-tr(sigma)/3, compression positive, at mid-length at the last time; bones and lumen are left out."),
+    Chart("Pressure of the tissue around the vein", "vessel", charts.around, _has_tissue, _transmission_note),
+    Chart("Vein in space", "run", charts.vein, _has_wall_fields, "Drag to turn; wall shear stress."),
+    Chart("Tissue in space", "run", charts.tissue, _has_body, "Lower half of the deformed segment, displacement."),
+    Chart("Flow balance", "vessel",
+          _over_time("flow [ml/s]", {"inflow": ("flow_in_m3_s", 1e6), "outflow": ("flow_out_m3_s", 1e6),
+                                     "rate of volume": ("lumen_volume_rate_m3_s", 1e6)}, ("inflow",)),
+          _holds("flow_in_m3_s", "flow_out_m3_s", "lumen_volume_rate_m3_s"),
+          "Inflow = outflow + rate of the lumen's volume."),
+    Chart("Pressure around the vein", "vessel", _around_vein, _holds("p_tissue_side_Pa"),
+          "Hydrostatic pressure of the tissue at the outer face of the vein's wall, and mean pressure on the skin."),
+    Chart("Stability", "all", charts.stability, lambda run: bool(run.stability), _stability_note),
+    Chart("Mode of collapse", "run", charts.collapse, lambda run: bool(run.stability),
+          "Lower half of the segment, moved along the mode; colour: its relative size."),
+)  # fmt: skip
+TUBE_CHARTS = (
+    Chart("Along the vein: transmural pressure", "vessel",
+          lambda runs: charts.along_vein(runs, "p_transmural", "Pa", 1e-3, "transmural pressure [kPa]"),
+          _holds("p_transmural_z00_Pa"),
+          "Blood less tissue: its normal traction on the wall, mean around. Dotted: t = 0."),
+    Chart("Tube law", "vessel", charts.tube_law, lambda run: _has_tube_law(run)),
+)  # fmt: skip
+
+
+def _charts(runs: Runs, chosen: Sequence[Chart] = CHARTS) -> list[Drawn]:
+    """Return title, maker and note of each chart of which some run has what it shows."""
+    found: list[Drawn] = []
+    for chart in chosen:
+        if chart.of == "vessel":
+            views = [(f"{chart.title}{of}", able, able) for of, able in _vessels(runs, chart.has)]
+        else:
+            some: Runs = {title: run for title, run in runs.items() if chart.has(run)}
+            views = [(chart.title, some, some)] if some and chart.of == "all" else []
+            views += [(f"{chart.title}: {t}", run, {t: run}) for t, run in some.items() if chart.of == "run"]  # type: ignore[misc]
+        for title, given, able in views:
+            note = chart.note if isinstance(chart.note, str) else chart.note(able)
+            found.append((title, lambda make=chart.make, given=given: make(given), note))  # type: ignore[misc]
+    return found
+
+
+def _tube_charts(runs: Runs) -> list[Drawn]:
+    return _charts(runs, TUBE_CHARTS)
+
+
+def _section(title: str, make: Callable[[], Any], note: str) -> Section:
+    try:
+        figure = make()
+    except (NgfsiError, KeyError) as error:
+        missing = error if isinstance(error, NgfsiError) else f"the run holds no {error}"
+        return title, [f"Not shown: {missing}"]
+    name = _slug(title)
+    config = {"displaylogo": False, "responsive": True, "toImageButtonOptions": {"format": "svg", "filename": name}}
+    drawn = Markup(figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=name))
+    return title, [drawn, note] if note else [drawn]
+
+
+def _ratio(value: float, start: float) -> Any:
+    return Markup("<b>{:.2f}</b>").format(value / start) if start else "-"
+
+
+def _lost(values: Any, row: int) -> Any:
+    return Markup("<b>{:.1f}</b>").format(100 * (1 - values[row] / values[0]))
+
+
+def _on_skin(run: StoredRun, row: int) -> str:
+    """Return the pressure on the skin (mmHg): its mean, and its largest value where cuffs make it differ."""
+    if run.skin_pressure is None:
+        raise KeyError
+    mean = run.skin_pressure[row]
+    most = run.series.get("skin_pressure_max_Pa", run.skin_pressure)[row]
+    more = f", most {from_si(most, 'mmHg'):.3g}" if most > 1.001 * mean else ""
+    return f"{from_si(mean, 'mmHg'):.3g}{more}"
+
+
+def _defect(run: StoredRun, _: int) -> str:
+    inflow = np.max(np.abs(run.series["flow_in_m3_s"]))
+    return f"{np.max(np.abs(run.series['mass_defect_m3_s'])) / inflow:.1e}" if inflow else "-"
+
+
+HEADLINE: Mapping[str, Callable[[StoredRun, int], Any]] = {
+    "time s": lambda run, row: f"{run.series['time_s'][row]:.3g}",
+    "skin mmHg": _on_skin,
+    "volume lost %": lambda run, row: _lost(run.series["lumen_volume_m3"], row),
+    "lumen area lost %": lambda run, row: _lost(run.series["lumen_area_m2"], row),
+    "area inside the skin lost %": lambda run, row: _lost(run.series["skin_area_m2"], row),
+    "SAWSS Pa": lambda run, row: f"{run.series['sawss_Pa'][row]:.4f}",
+    "SAWSS / t = 0": lambda run, row: _ratio(run.series["sawss_Pa"][row], run.series["sawss_Pa"][0]),
+    "SAWSS by momentum balance Pa": lambda run, row: f"{run.series['sawss_consistent_Pa'][row]:.4f}",
+    "mass defect / inflow": _defect,
+    "low shear, % of wall": lambda run, row: f"{100 * run.series['wss_low_area_1'][row]:.0f}",
+    "largest displacement mm": lambda run, row: f"{1e3 * run.series['displacement_max_m'][row]:.3g}",
+}
+"""Head -> cell of a run and row; a KeyError where the run has none."""
+
+
+def _headline(runs: Runs) -> Section:
+    found: dict[Any, dict[str, Any]] = {}
+    for of, views in _vessels(runs, lambda _: True):
+        for title, run in views.items():
+            cells = found.setdefault(Markup("{}{}{}").format(title, of, _ended(run)), {})
+            for head, cell in HEADLINE.items():
+                try:
+                    cells[head] = cell(run, run.loaded_row)
+                except KeyError:
+                    continue
+    heads = [head for head in HEADLINE if any(head in cells for cells in found.values())]
+    rows = [[title, *(cells.get(head, "-") for head in heads)] for title, cells in found.items()]
+    note = "When the load on the skin is first at its largest; without such a load, at the last time."
+    if "SAWSS Pa" in heads:
+        note += (
+            " Volume and SAWSS (wall shear stress, mean over the deformed wall) are held against the state at t = 0. "
+            "SAWSS from the gradient of the velocity and from the balance of momentum would be equal on an infinitely "
+            "fine mesh: their difference is of the size of the error in space."
+        )
+    return "Result", [Table(["run", *heads], rows), note]
+
+
+def _ended(run: StoredRun) -> str:
+    if run.status == "completed":
+        return ""
+    return Markup(' <span class="bad">{}: {}</span>').format(run.status, run.manifest.get("reason", ""))
+
+
+def _setup(runs: Runs) -> Section:
+    """Return the cases, keys that differ first."""
+    cases = [flat(run.case.to_toml_dict()) for run in runs.values()]
+    keys = list(dict.fromkeys(key for case in cases for key in case if key != "name"))
+    rows = {key: [_value(case.get(key, "-")) for case in cases] for key in keys}
+    differing = {key: values for key, values in rows.items() if len(set(values)) > 1}
+    same = [[key, values[0]] for key, values in rows.items() if key not in differing]
+    shown: list[Part] = []
+    if differing:
+        shown = [Table(["key", *runs], [[key, *values] for key, values in differing.items()], "differs")]
+    elif len(runs) > 1:
+        shown = ["The cases are equal."]
+    what = "What the cases have in common" if len(runs) > 1 else "The case"
+    return "Setup", [*shown, Table(["key", "value"], same, summary=what)]
+
+
+def _value(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _has_tube_law(run: StoredRun) -> bool:
+    """Return whether areas of a vessel with a wall, under loads that change, are known."""
+    if not (run.vessels and run.own_vessel.wall and "area_z00_m2" in run.series and externals(run)):
+        return False
+    return all(np.ptp(transmural(run, against)) for against in externals(run))
+
+
+def _is_in_one_dimension(run: StoredRun) -> bool:
+    return _has_tube_law(run) and "skin" in externals(run) and "sawss_Pa" in run.series
+
+
+def _tube(runs: Runs) -> list[Section]:
+    """Return the transmural pressure, the tube law, and the runs again in one dimension."""
+    shown = [_section(*one) for one in _tube_charts(runs)]
+    note = (
+        "Solid: this run; dashed: mass, momentum, the best tube law against the skin, and unsteady laminar friction "
+        "along the vein, with the same loads. Table: gap of the mean over time, and root mean square, over the mean of "
+        "the three-dimensional run. Coarse steps damp the swinging of the blood there."
+    )
+    for of, views in _vessels(runs, _has_tube_law):
+        title = f"In one dimension{of}"
+        try:
+            shown.append((f"Fits of the tube laws{of}", _fits(views)))
+            able = {name: run for name, run in views.items() if _is_in_one_dimension(run)}
+            if not able:
+                continue
+            compared = _in_one_dimension(able)
+        except (NgfsiError, KeyError) as error:
+            shown.append((title, [f"Not shown: {error}"]))
+            continue
+        head = ["run, 1-D against 3-D", *(f"{name}: mean, rms %" for name in ("area", "flow", "SAWSS"))]
+        rows = [
+            [name, *(f"{100 * gap.mean:+.2f}, {100 * gap.rms:.2f}" for gap in one.gaps.values())]
+            for name, one in compared.items()
+        ]
+        drawn = _section(title, lambda compared=compared: charts.one_dimension(compared), "")  # type: ignore[misc]
+        shown.append((title, [*drawn[1], Table(head, rows), note]))
+    return shown
+
+
+def _in_one_dimension(runs: Runs) -> dict[str, Comparison]:
+    return {title: in_one_dimension(run) for title, run in runs.items()}
+
+
+def _fits(runs: Runs) -> list[Part]:
+    head = ["run, law", "against", "A0 at mid-length mm²", "K kPa", "rms error of area %", "largest %"]
+    rows = []
+    for title, run in runs.items():
+        for against in externals(run):
+            for name, fits in tube_laws(run, against).items():
+                middle = fits[len(fits) // 2].law
+                rows.append([f"{title}, {name}", against, f"{1e6 * float(middle.area):.2f}",
+                             f"{float(middle.stiffness) / 1e3:.3f}", f"{100 * overall_error(fits):.3f}",
+                             f"{100 * max(one.largest for one in fits):.3f}"])  # fmt: skip
+    note = (
+        "Laws: linear, T = K (a - 1) with a = A/A0; elastic ring, K (sqrt a - 1), Sherwin et al., J Eng Math 47 "
+        "(2003); collapsible, K (a^10 - a^-1.5), Shapiro, J Biomech Eng 99 (1977), Brook et al., J Fluid Mech 396 "
+        "(1999). Errors are relative to the computed areas at all stations and times."
+    )
+    return [Table(head, rows), note]
+
+
+def _claims(runs: Runs, claims: Mapping[str, Any]) -> list[Section]:
     """Return the printed numbers beside those of runs with the law they are of."""
     rows = []
     for title, run in runs.items():
         law = _law(run)
-        if law is None or not claims:
+        if law is None or not claims or not _holds("lumen_volume_m3", "sawss_Pa", "p_wall_side_Pa")(run):
             continue
-        row, series = _loaded(run), run.series
+        row, series = run.loaded_row, run.series
         computed = {
             "volume_reduction_percent": 100 * (1 - series["lumen_volume_m3"][row] / series["lumen_volume_m3"][0]),
             "sawss_rise_percent": 100 * (series["sawss_Pa"][row] / series["sawss_Pa"][0] - 1),
@@ -369,15 +499,13 @@ def _claims(runs: Runs, claims: Mapping[str, Any]) -> str:
         for key, value in computed.items():
             if law in claims.get(key, {}):
                 printed = claims[key][law]
-                rows.append([escape(f"{title} ({law}): {key.replace('_', ' ')}"), f"{printed:g}", f"{value:.3g}",
+                rows.append([f"{title} ({law}): {key.replace('_', ' ')}", f"{printed:g}", f"{value:.3g}",
                              f"{value - printed:+.3g}"])  # fmt: skip
     if not rows:
-        return ""
+        return []
     note = f"Printed by {claims.get('citation', 'the source')}; the pressure is computed on the wall's side."
-    return (
-        f"<h2>Held against the printed numbers</h2>{_table(['claim', 'printed', 'computed', 'gap'], rows)}{_note(note)}"
-        f"{_note(_why(runs, claims))}"
-    )
+    table = Table(["claim", "printed", "computed", "gap"], rows)
+    return [("Held against the printed numbers", [table, note, _why(runs, claims)])]
 
 
 def _why(runs: Runs, claims: Mapping[str, Any]) -> str:
@@ -388,7 +516,7 @@ def _why(runs: Runs, claims: Mapping[str, Any]) -> str:
         losses, rises = (claims.get(key, {}) for key in ("volume_reduction_percent", "sawss_rise_percent"))
         if law not in losses or law not in rises or not set(STAGES.values()) <= set(series):
             continue
-        row, start = _loaded(run), float(series["sawss_Pa"][0])
+        row, start = run.loaded_row, float(series["sawss_Pa"][0])
         parts = {cause: 100 * float(values[row]) / start for cause, values in decompose(series).items()}
         flow = from_si(float(series["flow_in_m3_s"][0]), "ml_s")
         said.append(
@@ -403,39 +531,27 @@ def _why(runs: Runs, claims: Mapping[str, Any]) -> str:
 
 def _law(run: StoredRun) -> str | None:
     """Return the source's letter for the law of a run's tissue."""
-    return {"mooney_rivlin": "M", "neo_hookean": "N"}.get(run.case.materials.law_of("tissue").law)
+    return {"mooney_rivlin": "M", "neo_hookean": "N"}.get(getattr(run.case.materials.tissue, "law", ""))
 
 
-def _costs(runs: Runs) -> str:
+def _costs(runs: Runs) -> Section:
     head = ["run", "unknowns", "elements", "steps", "iterations a step", "factorisations", "seconds", "MB", "solver"]
     rows = []
     for title, run in runs.items():
         found, costs = run.manifest, run.costs
         steps = len(costs.get("step", ()))
         rows.append([
-            escape(title), f"{found.get('unknowns', '-')}", f"{found.get('mesh', {}).get('elements', '-')}", f"{steps}",
+            title, f"{found.get('unknowns', '-')}", f"{found.get('mesh', {}).get('elements', '-')}", f"{steps}",
             f"{costs['iterations'].mean():.1f}" if steps else "-", f"{found.get('factorisations', '-')}",
             f"{found.get('elapsed_s', float('nan')):.0f}", f"{found.get('peak_memory_MB', float('nan')):.0f}",
-            escape(str(found.get("linear_solver", "-"))),
+            str(found.get("linear_solver", "-")),
         ])  # fmt: skip
-    return f"<h2>Costs</h2>{_table(head, rows)}"
+    return "Costs", [Table(head, rows)]
 
 
-def _sources(runs: Runs) -> str:
+def _sources(runs: Runs) -> Section:
     used = dict.fromkeys(
         f"{title}: " + ", ".join(f"{name} {version}" for name, version in run.manifest["versions"].items())
         for title, run in runs.items()
     )
-    items = "".join(f"<li>{escape(text)}</li>" for text in (*REFERENCES, *used))
-    return f"<h2>Sources</h2><ul>{items}</ul>"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], kind: str = "") -> str:
-    """Return a table; cells are HTML already."""
-    heads = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    lines = "".join(f'<tr class="{kind}">' + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table>"
-
-
-def _note(text: str) -> str:
-    return f'<p class="note">{escape(text)}</p>'
+    return "Sources", [[*REFERENCES, *used]]

@@ -24,9 +24,10 @@ from matplotlib.colors import Normalize
 from PIL import Image
 
 from ngfsi import process
+from ngfsi.report.shapes import FROM_BEHIND, SHEAR, lower_half, middle
 from ngfsi.store.disk import explained
-from ngfsi.store.fields import DISPLACEMENT, REGION
 from ngfsi.store.stored import StoredRun, open_run
+from ngfsi.store.vessels import Frame
 from ngfsi.units import from_si
 
 TIMEOUT = 180.0
@@ -39,7 +40,6 @@ OPENGL_WORKS = "OpenGL works"
 
 FRAMES, FRAME_MS = 60, 80
 """Of an animation: at most so many, each shown so long."""
-SHEAR = "wall_shear_magnitude_Pa"
 WIDTH = 1500
 """Pixels across a picture."""
 BONE, BLOOD, COLOURS = "#efe6d2", "#b5322f", "viridis"
@@ -61,7 +61,7 @@ class Request:
 
 
 def displacement_picture(runs: Mapping[str, StoredRun], time: float, path: Path) -> str:
-    """Draw the deformed tissue at `time` [s], cut open to the vein and coloured by displacement, a panel per run.
+    """Draw the deformed solids at `time` [s], cut open to the vein and coloured by displacement, a panel per run.
 
     Returns:
         Why there is no picture; empty when there is one.
@@ -127,83 +127,93 @@ def main(file: str) -> None:
 
 
 def _draw_displacement(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
-    solids = {title: _lower_half(run, times[0]) for title, run in runs.items()}
-    limits = (0.0, max(float(solid["displacement"].max()) for solid in solids.values()))
+    halves = {title: lower_half(run, times[0]) for title, run in runs.items()}
+    limits = (0.0, max(float(solid["displacement"].max()) for solid in halves.values()))
     images = {}
+    bones = {title: _bones(run) for title, run in runs.items()}
+    walls = {title: run.fields(times[0], "wall") for title, run in runs.items() if run.field_times("wall")}
     for title, run in runs.items():
         plotter = _plotter(WIDTH // 2, WIDTH // 2)
-        plotter.add_mesh(solids[title], scalars="displacement", clim=limits, **SHADED)
-        plotter.add_mesh(run.fields(times[0], "wall"), color=BLOOD, smooth_shading=True)
-        for bone in _bones(run):
+        plotter.add_mesh(halves[title], scalars="displacement", clim=limits, **SHADED)
+        if title in walls:
+            plotter.add_mesh(walls[title], color=BLOOD, smooth_shading=True)
+        for bone in bones[title]:
             plotter.add_mesh(bone, color=BONE, smooth_shading=True, split_sharp_edges=True)
-        plotter.view_vector((0.4, -0.7, 0.6), viewup=(0, 0, 1))
+        axes = middle(run).axes
+        plotter.view_vector(np.dot(FROM_BEHIND, axes), viewup=axes[2])
         plotter.reset_camera()
         plotter.camera.zoom(1.15)
         images[f"{title}, t = {times[0]:g} s"] = plotter.screenshot(return_img=True)
-    note = "upper half of the tissue cut away, seen from behind\nvein red, bones white"
+    colours = ", ".join([*(["vein red"] if walls else []), *(["bones white"] if any(bones.values()) else [])])
+    note = "\n".join(["upper half of the tissue cut away, seen from behind", *([colours] if colours else [])])
     _compose(images, path, columns=min(len(images), 3), limits=limits, label="displacement [mm]", note=note)
-
-
-def _lower_half(run: StoredRun, time: float) -> Any:
-    """Return the deformed solids below mid-length with their displacement in mm."""
-    grid = run.fields(time)
-    fluid = [str(name) for name in grid.field_data["regions"]].index(run.case.geometry.fluid)
-    solid = grid.extract_cells(np.flatnonzero(grid.cell_data[REGION] != fluid))
-    solid["displacement"] = np.linalg.norm(solid[DISPLACEMENT], axis=1) * 1e3
-    return solid.clip("z", origin=solid.center)
 
 
 def _bones(run: StoredRun) -> list[Any]:
     """Return the rigid bones, which the mesh leaves out, standing out a little of the segment."""
     geometry = run.case.geometry
-    length = geometry.length
     return [
-        pv.Cylinder((bone.x, bone.y, length / 2), (0, 0, 1), bone.radius * 0.995, length * 1.02, resolution=60)
-        for bone in getattr(geometry, "bones", ())
+        pv.Cylinder((b.x, b.y, geometry.length / 2), (0, 0, 1), 0.995 * b.radius, 1.02 * geometry.length, resolution=60)
+        for b in getattr(geometry, "bones", ())
     ]
 
 
 def _draw_wall_shear(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
+    frame = middle(next(iter(runs.values())))
     walls = {
         f"{title}, t = {time:g} s": run.fields(time, "wall").clean(tolerance=1e-7)
         for title, run in runs.items()
         for time in times
     }
     low, high = np.percentile(np.concatenate([wall[SHEAR] for wall in walls.values()]), [1, 99])
-    width, length = (max(float(np.ptp(w.bounds[2 * i : 2 * i + 2])) for w in walls.values()) for i in (0, 2))
+    sizes = np.max([np.ptp(wall.points @ frame.axes.T, axis=0) for wall in walls.values()], axis=0)
+    width, length = float(sizes[0]), float(sizes[2])
     images = {}
     for title, wall in walls.items():
         plotter = _plotter(WIDTH, round(WIDTH * width / length * 1.1))
         plotter.add_mesh(wall, scalars=SHEAR, clim=(low, high), **SHADED)
-        plotter.enable_parallel_projection()
-        plotter.camera_position = [np.add(wall.center, (0, length, 0)), wall.center, (1, 0, 0)]
+        _look_across(plotter, wall, frame, length)
         plotter.camera.parallel_scale = width * 0.52
         images[title] = plotter.screenshot(return_img=True)
     note = "deformed inner wall of the vein from the front, all to the same scale; blood flows from left to right"
     _compose(images, path, columns=1, limits=(low, high), label="wall shear stress [Pa]", note=note)
 
 
+def _look_across(plotter: Any, wall: Any, frame: Frame, distance: float) -> None:
+    """Put the camera in front of a vessel that runs from left to right, angles counting from above."""
+    plotter.enable_parallel_projection()
+    up, forwards = frame.axes[:2]
+    plotter.camera_position = [np.add(wall.center, distance * forwards), wall.center, up]
+
+
 def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
     (run,) = runs.values()
     walls = [run.fields(time, "wall").clean(tolerance=1e-7) for time in times]
     high = float(np.percentile(np.concatenate([wall[SHEAR] for wall in walls]), 99))
-    start = walls[0]
-    width, length = (float(np.ptp(start.bounds[2 * i : 2 * i + 2])) for i in (0, 2))
+    start, frame = walls[0], middle(run)
+    sizes = np.ptp(start.points @ frame.axes.T, axis=0)
+    width, length = float(sizes[0]), float(sizes[2])
     frames = []
     for time, wall in zip(times, walls, strict=True):
         plotter = _plotter(WIDTH // 2, WIDTH // 6)
         bar = {"title": "wall shear stress [Pa]", "color": "black", "position_y": 0.04, "height": 0.12, "n_labels": 3}
         plotter.add_mesh(wall, scalars=SHEAR, clim=(0.0, high), **SHADED | {"show_scalar_bar": True},
                          scalar_bar_args=bar)  # fmt: skip
-        pressure = from_si(run.case.loads.skin_pressure(time), "mmHg")
-        plotter.add_text(f"t = {time:.2f} s, {pressure:.1f} mmHg on the skin", font_size=9, color="black")
-        plotter.enable_parallel_projection()
+        plotter.add_text(_caption(run, time), font_size=9, color="black")
         # the camera stands still, so that the vein is seen to move
-        plotter.camera_position = [np.add(start.center, (0, length, 0)), start.center, (1, 0, 0)]
+        _look_across(plotter, start, frame, length)
         plotter.camera.parallel_scale = max(1.1 * width, 0.53 * length / 3)  # frames are three times as wide as high
         frames.append(Image.fromarray(plotter.screenshot(return_img=True)))
         plotter.close()
     _save_frames(frames, Path(path))
+
+
+def _caption(run: StoredRun, time: float) -> str:
+    """Return the time (s) and the mean pressure on the skin then, if there is one."""
+    if run.skin_pressure is None:
+        return f"t = {time:.2f} s"
+    pressure = from_si(float(np.interp(time, run.series["time_s"], run.skin_pressure)), "mmHg")
+    return f"t = {time:.2f} s, {pressure:.1f} mmHg on the skin"
 
 
 def _save_frames(frames: Sequence[Image.Image], path: Path) -> None:

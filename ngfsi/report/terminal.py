@@ -11,10 +11,12 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
+from ngfsi.case import Case
 from ngfsi.linear.backends import BACKENDS, choose_backend
 from ngfsi.materials import Row
 from ngfsi.mesh.generate import cache_folder
-from ngfsi.store.provenance import versions
+from ngfsi.report.tables import flat
+from ngfsi.store.provenance import named_commit, versions
 from ngfsi.store.stored import StoredRun
 from ngfsi.units import UNITS
 
@@ -43,13 +45,14 @@ def run_summary(run: StoredRun) -> RenderableType:
     case, manifest = run.case, run.manifest
     facts = {
         "folder": str(run.path),
-        "case": f"{case.name}: {case.materials.law_of('tissue').label} tissue, {type(case.geometry).__name__}, "
+        "case": f"{case.name}: {_solids(case)}, {type(case.geometry).__name__}, "
         f"order {case.discretisation.order}, {case.time.scheme}, {case.time.end:g} s in steps of {case.time.step:g} s",
         "status": " - ".join(filter(None, (run.status, manifest.get("reason", "")))),
         "code": _code(manifest),
     }
     rest = {key: value for key, value in manifest.items() if key not in _SHOWN}
-    return Group(_pairs({**facts, **_flat(rest)}), *_last_row(run))
+    said = {key: value for key, value in flat(rest).items() if value not in (None, [], "")}
+    return Group(_pairs({**facts, **said}), *_last_row(run))
 
 
 def installation() -> RenderableType:
@@ -78,14 +81,20 @@ def materials(rows: Iterable[Row]) -> RenderableType:
 
 
 _HEADS = ("G0 kPa", "K0 kPa", "E0 kPa", "nu0", "kg/m3", "mPa s")
-_SHOWN = ("case", "case_digest", "status", "reason", "versions", "commit")
+_SHOWN = ("case", "case_digest", "status", "reason", "versions", "commit", "vessels")
+
+
+def _solids(case: Case) -> str:
+    """Return what the solids are made of: the tissue alone if there is one, which all else follows."""
+    solids = case.geometry.solids
+    named = [name for name in solids if name == "tissue"] or solids
+    return ", ".join(f"{case.materials.law_of(name).label} {name}" for name in named) or "rigid wall"
 
 
 def _code(manifest: Mapping[str, Any]) -> str:
     found = manifest.get("versions", {})
     text = ", ".join(f"{name} {found[name]}" for name in ("ngfsi", "ngsolve", "python") if name in found)
-    commit = manifest.get("commit")
-    return text + (f", commit {commit['id'][:10]}{' with changes' if commit['dirty'] else ''}" if commit else "")
+    return text + named_commit(manifest)
 
 
 def _last_row(run: StoredRun) -> list[RenderableType]:
@@ -97,18 +106,6 @@ def _last_row(run: StoredRun) -> list[RenderableType]:
         name, unit = split_unit(column)
         table.add_row(name, f"{values[-1]:.6g}", unit)
     return [table]
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested tables as one, the path as key."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            flat.update(_flat(value, f"{name}."))
-        elif value not in (None, [], ""):
-            flat[name] = f"{value:.6g}" if isinstance(value, float) else value
-    return flat
 
 
 def _pairs(facts: Mapping[str, Any]) -> Table:

@@ -21,7 +21,7 @@ from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.physics.fields import MOTION
 from ngfsi.solve.time_loop import Step
 from ngfsi.store.fields import COLLAPSE, DEFORMATION, STRESS, FieldWriter
-from ngfsi.store.folder import RunFolder
+from ngfsi.store.folder import RunFolder, outline_rows
 from ngfsi.system.system import System
 
 if TYPE_CHECKING:
@@ -80,12 +80,12 @@ class WallFields(Observer):
     def look(self, time: float, _step: Step | None) -> None:
         """Sample and write."""
         with self._watch("output"):
-            for name, vessel in self._probe.vessels.items():
-                self._writer.write_wall(time, vessel.wall.sample(WALL_REFINEMENT), name)
+            vessels = self._probe.vessels.values()
+            self._writer.write_wall(time, *(vessel.wall.sample(WALL_REFINEMENT) for vessel in vessels))
 
     def looked_at(self, time: float) -> bool:
         """Whether the walls at a time have been written."""
-        return self._writer.holds_wall(time)
+        return time in self._writer.times["wall"]
 
 
 class VolumeFields(Observer):
@@ -110,10 +110,12 @@ class VolumeFields(Observer):
                     self._folder.log(f"t = {time:.6g} s: no stability: {error}")
         with self._watch("output"):
             self._writer.write(time)
-            for name, vessel in self._probe.vessels.items():
+            vessels = list(self._probe.vessels.values())
+            for number, vessel in enumerate(vessels):
                 vessel.outlines.refresh()
-                self._folder.append_outlines(time, vessel.outlines.rings, name)
-                self._folder.append("shape", *Shape.of(vessel.outlines, cut=True).rows(time), vessel=name)
+                of = number if len(vessels) > 1 else None
+                self._folder.append("outlines", *outline_rows(time, vessel.outlines.rings, of))
+                self._folder.append("shape", *Shape.of(vessel.outlines, cut=True).rows(time, of))
 
     def looked_at(self, time: float) -> bool:
         """Whether the fields at a time have been written."""
@@ -139,7 +141,7 @@ def observers_of(
     """
     stability = _stability(system) if case.output.stability and system.solids else None
     fields = volume_fields(system) | ({COLLAPSE: stability.mode} if stability and stability.mode else {})
-    writer = FieldWriter(folder.path, system.domain, fields, until, walls=list(probe.vessels))
+    writer = FieldWriter(folder.path, system.domain, fields, until)
     found: list[Observer] = [Series(probe, folder, watch)]
     if probe.vessels:
         found.append(WallFields(probe, writer, watch, case.output.wall_every))

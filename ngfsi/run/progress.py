@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from ngfsi.store.folder import SERIES
 from ngfsi.store.table import read_table
 
 PLAIN_SHARE = 0.1
@@ -130,7 +129,7 @@ class Watch:
                 continue
             self._bar.start_task(task)
             self._bar.update(task, visible=True)
-            table = read_table(folder / SERIES)
+            table = read_table(folder / "series.csv")
             if table and len(table["time_s"]):
                 time = float(table["time_s"][-1])
                 self._bar.update(task, completed=time, detail=f"t = {time:.4g} s")

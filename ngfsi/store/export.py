@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -24,7 +25,8 @@ MERGE_DISTANCE = 1e-7
 
 GMSH_PRISM = [0, 1, 2, 3, 4, 5, 6, 8, 12, 7, 13, 14, 9, 11, 10, 15, 17, 16]
 """Place in VTK of each node of Gmsh's 18-node prism (Gmsh manual, node ordering), which meshio leaves to the caller."""
-STRAIGHT = {"wedge18": ("wedge", 6), "tetra10": ("tetra", 4), "hexahedron20": ("hexahedron", 8)}
+STRAIGHT = {"wedge18": ("wedge", 6), "tetra10": ("tetra", 4), "hexahedron20": ("hexahedron", 8),
+            "triangle6": ("triangle", 3), "quad9": ("quad", 4)}  # fmt: skip
 """Curved cell -> the straight one and how many of the nodes it keeps."""
 
 
@@ -49,22 +51,23 @@ def export(run: StoredRun, time: float, fmt: str, destination: Path | None = Non
     grid = run.fields(time)
     found = min(run.field_times(), key=lambda stored: abs(stored - time))
     path = destination or run.path / "export" / f"t_{found:.6g}s{SUFFIX[fmt]}"  # type: ignore[index]
-    mesh = _mesh(grid)
+    regions = [str(name) for name in grid.field_data["regions"]]
+    # where nodes coincide the first one's values win: begin with the blood
+    mesh = _mesh(grid, sorted(range(len(regions)), key=lambda number: regions[number] not in run.lumens))
     if fmt == "abaqus" or (fmt == "xdmf" and len(mesh.cells) > 1):
         mesh = _straight(mesh)
     if fmt in ("gmsh", "abaqus"):
-        mesh = _with_sets(mesh, [str(name) for name in grid.field_data["regions"]])
+        mesh = _with_sets(mesh, regions)
     with explained(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         meshio.write(path, mesh, file_format=MESHIO_FORMAT.get(fmt, fmt))
     return path, found
 
 
-def _mesh(grid: pv.UnstructuredGrid) -> meshio.Mesh:
-    """Return a stored grid, whose cells have nodes of their own, with shared nodes."""
-    # where nodes coincide the first one's values win: begin with the blood, the last region
+def _mesh(grid: pv.UnstructuredGrid, order: Sequence[int]) -> meshio.Mesh:
+    """Return a stored grid, whose cells have nodes of their own, with shared nodes; regions are taken in an order."""
     numbers = grid.cell_data[REGION]
-    parts = [grid.extract_cells(np.flatnonzero(numbers == i)) for i in range(numbers.max(), -1, -1)]
+    parts = [grid.extract_cells(np.flatnonzero(numbers == number)) for number in order if number in numbers]
     shared = pv.merge(parts, merge_points=False).clean(tolerance=MERGE_DISTANCE, average_point_data=False)
     converted = pv.to_meshio(shared)
     return meshio.Mesh(
@@ -91,12 +94,13 @@ def _straight(mesh: meshio.Mesh) -> meshio.Mesh:
 def _with_sets(mesh: meshio.Mesh, regions: list[str]) -> meshio.Mesh:
     """Return the mesh with the regions as named sets, and with the nodes of curved prisms in the order of Gmsh."""
     numbers = mesh.cell_data[REGION]
+    dimension = 2 if mesh.cells[0].type.startswith(("triangle", "quad")) else 3
     return meshio.Mesh(
         points=mesh.points,
         cells=[_gmsh(block) for block in mesh.cells],
         point_data=mesh.point_data,
         cell_data={tag: [block + 1 for block in numbers] for tag in ("gmsh:physical", "gmsh:geometrical")},
-        field_data={name: np.array([i + 1, 3]) for i, name in enumerate(regions)},
+        field_data={name: np.array([i + 1, dimension]) for i, name in enumerate(regions)},
         cell_sets={name: [np.flatnonzero(block == i) for block in numbers] for i, name in enumerate(regions)},
     )
 

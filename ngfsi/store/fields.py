@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pyvista as pv
 
 FOLDER = "fields"
-INDEX, NUMBERED = "{}.pvd", "{}_{:04d}.vtu"
+GRIDS, INDEX, NUMBERED = ("volume", "wall"), "{}.pvd", "{}_{:04d}.vtu"
 DISPLACEMENT = "displacement_m"
 REGION = "region"
 COLLAPSE = "collapse_mode_1"
@@ -39,11 +39,13 @@ CELL_ORDER = 2
 """Higher ones make files large without being seen, and hardly any program but ParaView reads them."""
 
 MIRRORED = {
+    "QUADRATIC_TRIANGLE": [0, 2, 1, 5, 4, 3],
+    "BIQUADRATIC_QUAD": [0, 3, 2, 1, 7, 6, 5, 4, 8],
     "QUADRATIC_TETRA": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
     "QUADRATIC_HEXAHEDRON": [4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11, 16, 17, 18, 19],
     "BIQUADRATIC_QUADRATIC_WEDGE": [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8, 12, 13, 14, 15, 16, 17],
 }
-"""VTK's name of a cell -> order of the nodes that turns one of negative volume into the same of positive volume."""
+"""VTK's name of a cell -> order of the nodes that turns one of negative size into the same of positive size."""
 
 
 class FieldWriter:
@@ -54,16 +56,15 @@ class FieldWriter:
     """
 
     def __init__(
-        self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf,
-        walls: Sequence[str] = ("",),
-    ) -> None:  # fmt: skip
+        self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf
+    ) -> None:
         """Prepare.
 
         Args:
             folder: folder of the run.
             domain: the reference shape.
-            volume_fields: name with unit -> field on the whole domain; `displacement_m` must be among them.
-            walls: names of the vessels whose walls are written.
+            volume_fields: name with unit -> field on the whole domain; `displacement_m` must be among them. The tensors
+                have three rows and columns in plane domains, too.
             until: fields up to this time [s] that the folder holds are kept, later ones removed.
 
         Raises:
@@ -72,7 +73,6 @@ class FieldWriter:
         if DISPLACEMENT not in volume_fields:
             raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
         self.folder = folder
-        self._grids = ["volume", *(wall_name(name) for name in walls)]
         self._mesh, self._names = domain.mesh, list(volume_fields)
         # laws are costly to evaluate point by point, as VTK output does: elementwise projections take a 200th of it
         space = ng.L2(domain.mesh, order=CELL_ORDER, dim=9)
@@ -85,7 +85,7 @@ class FieldWriter:
         self._regions = regions
         self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
         self.times = {
-            name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in self._grids
+            name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in GRIDS
         }
         self._forget_later_ones()
 
@@ -97,17 +97,13 @@ class FieldWriter:
         """
         self._store("volume", time, self._volume)
 
-    def holds_wall(self, time: float) -> bool:
-        """Whether the walls of a time [s] are stored."""
-        return all(time in self.times[name] for name in self._grids[1:])
-
-    def write_wall(self, time: float, wall: WallSample, vessel: str = "") -> None:
-        """Store the sampled wall of a vessel as that of `time` [s].
+    def write_wall(self, time: float, *walls: WallSample) -> None:
+        """Store the sampled walls of the vessels, in the order of the manifest, as those of `time` [s].
 
         Raises:
             OutputError: the files cannot be written.
         """
-        self._store(wall_name(vessel), time, lambda: wall_grid(wall))
+        self._store("wall", time, lambda: wall_grid(*walls))
 
     def _store(self, name: str, time: float, make: Callable[[], pv.UnstructuredGrid]) -> None:
         number = len(self.times[name])
@@ -125,9 +121,9 @@ class FieldWriter:
         return [NUMBERED.format(name, number) for number in range(len(self.times[name]))]
 
     def _forget_later_ones(self) -> None:
-        kept = {file for name in self._grids for file in self._files(name)}
+        kept = {file for name in GRIDS for file in self._files(name)}
         with explained(self.folder / FOLDER):
-            for name in self._grids:
+            for name in GRIDS:
                 if (self.folder / INDEX.format(name)).exists():
                     self._list(name)
             for path in (self.folder / FOLDER).glob("*.vtu"):
@@ -151,6 +147,9 @@ class FieldWriter:
         written = raw.with_suffix(".vtu")
         grid = pv.read(written)
         written.unlink()
+        for name in grid.point_data:  # vectors of plane domains
+            if (values := np.asarray(grid.point_data[name])).shape[1:] == (2,):
+                grid.point_data[name] = np.pad(values, ((0, 0), (0, 1)))
         _orient(grid)
         grid.points += grid.point_data[DISPLACEMENT]
         _take_invariants(grid)
@@ -165,19 +164,19 @@ class FieldWriter:
         move_into_place(partial, path)
 
 
-def wall_name(vessel: str) -> str:
-    """Return the name of the grids of a vessel's wall."""
-    return f"wall_{vessel}" if vessel else "wall"
-
-
 def _orient(grid: pv.UnstructuredGrid) -> None:
-    """Renumber the nodes of cells that NGSolve wrote with negative volume: its tetrahedra turn the other way."""
+    """Renumber the nodes of cells that NGSolve wrote with negative size: its triangles and tetrahedra turn the other
+    way."""
     import pyvista as pv
 
-    negative = grid.compute_cell_sizes()["Volume"] < 0
-    nodes = grid.cell_connectivity
+    nodes, starts = grid.cell_connectivity, grid.cell_offsets[:-1]
+    a, b, c = (grid.points[nodes[starts + corner]] for corner in range(3))
+    # cells of a plane domain have an area alone, and turn clockwise where it is negative
+    turn = np.cross(b - a, c - a)[:, 2]
+    volume = grid.compute_cell_sizes()["Volume"]
+    negative = np.where(volume == 0, turn, volume) < 0
     for kind, order in MIRRORED.items():
-        first = grid.cell_offsets[:-1][negative & (grid.celltypes == pv.CellType[kind])]
+        first = starts[negative & (grid.celltypes == pv.CellType[kind])]
         nodes[first[:, None] + np.arange(len(order))] = nodes[first[:, None] + order]
 
 
@@ -192,18 +191,30 @@ def _take_invariants(grid: pv.UnstructuredGrid) -> None:
         grid.point_data["principal_stretches_1"] = np.linalg.svd(gradient, compute_uv=False)
 
 
-def wall_grid(wall: WallSample) -> pv.UnstructuredGrid:
-    """Return the sampled wall as linear quadrilaterals with wall shear stress and pressure."""
+def wall_grid(*walls: WallSample) -> pv.UnstructuredGrid:
+    """Return sampled walls as linear quadrilaterals with wall shear stress and pressure, several ones numbered."""
     import pyvista as pv
 
-    quads = np.column_stack([np.full(len(wall.quads), 4), wall.quads])
-    types = np.full(len(wall.quads), pv.CellType.QUAD)
-    grid = pv.UnstructuredGrid(quads.ravel(), types, wall.points.astype(np.float32))
-    grid.point_data["wall_shear_Pa"] = wall.shear.astype(np.float32)
-    grid.point_data["wall_shear_axial_Pa"] = wall.tangential[:, 0].astype(np.float32)
-    grid.point_data["wall_shear_circumferential_Pa"] = wall.tangential[:, 1].astype(np.float32)
-    grid.point_data["wall_shear_magnitude_Pa"] = np.linalg.norm(wall.shear, axis=1).astype(np.float32)
-    grid.point_data["pressure_Pa"] = wall.pressure.astype(np.float32)
+    def joined(values: Callable[[WallSample], Any]) -> Any:
+        return np.concatenate([values(wall) for wall in walls]).astype(np.float32)
+
+    firsts = np.cumsum([0, *(len(wall.points) for wall in walls[:-1])])
+    nodes = np.concatenate([first + wall.quads for first, wall in zip(firsts, walls, strict=True)])
+    quads = np.column_stack([np.full(len(nodes), 4), nodes])
+    grid = pv.UnstructuredGrid(
+        quads.ravel(), np.full(len(nodes), pv.CellType.QUAD), joined(lambda wall: wall.points)
+    )  # fmt: skip
+    shown = {
+        "wall_shear_Pa": lambda wall: wall.shear,
+        "wall_shear_axial_Pa": lambda wall: wall.tangential[:, 0],
+        "wall_shear_circumferential_Pa": lambda wall: wall.tangential[:, 1],
+        "wall_shear_magnitude_Pa": lambda wall: np.linalg.norm(wall.shear, axis=1),
+        "pressure_Pa": lambda wall: wall.pressure,
+    }
+    for name, values in shown.items():
+        grid.point_data[name] = joined(values)
+    if len(walls) > 1:
+        grid.cell_data["vessel"] = np.repeat(np.arange(len(walls)), [len(wall.quads) for wall in walls])
     return grid
 
 

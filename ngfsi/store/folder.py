@@ -4,7 +4,7 @@
     manifest.json   status, versions, commit, machine, mesh, unknowns, timings
     series.csv      one row of quantities per step, SI units in the column names, `_1` for pure numbers
     costs.csv       iterations, factorisations and seconds of each step: what differs between two equal runs
-    outlines.csv    cross-sections of the deformed lumen
+    outlines.csv    cross-sections of the deformed lumen; of several vessels with their number in a column `vessel`
     shape.csv       their area, perimeter, axes ... perpendicular to the vein (see measure/shape.py)
     stability.csv   smallest eigenvalue and critical pressure, if asked for (see measure/stability.py)
     volume.pvd, wall.pvd, fields/   fields for ParaView (see fields.py)
@@ -20,6 +20,7 @@ from __future__ import annotations
 import fcntl
 import json
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any, Literal, Self
 
@@ -33,8 +34,8 @@ from ngfsi.store.provenance import commit, machine, now, versions
 from ngfsi.store.table import TableWriter
 
 CASE, MANIFEST, LOG = "case.toml", "manifest.json", "run.log"
-SERIES, COSTS, OUTLINES, SHAPE = "series.csv", "costs.csv", "outlines.csv", "shape.csv"
-STABILITY = "stability.csv"
+TABLES = ("series", "costs", "outlines", "shape", "stability")
+"""Tables with a column time_s, each a file NAME.csv that is there once it has a row."""
 CHECKPOINTS, STOP = "checkpoints", "STOP"
 
 Status = Literal["running", "completed", "failed", "interrupted"]
@@ -52,12 +53,7 @@ class RunFolder:
         self._manifest = manifest
         self._log = _locked(path)
         self._start = time.perf_counter()
-        self._writers: dict[str, TableWriter] = {}
-        self._series = TableWriter(path / SERIES)
-        self._costs = TableWriter(path / COSTS)
-        self._outlines = TableWriter(path / OUTLINES)
-        self._shape = TableWriter(path / SHAPE)
-        self._stability = TableWriter(path / STABILITY)
+        self._tables = {name: TableWriter(path / f"{name}.csv") for name in TABLES}
 
     @classmethod
     def create(cls, path: Path, case: Case) -> Self:
@@ -92,10 +88,8 @@ class RunFolder:
         (path / STOP).unlink(missing_ok=True)
         if until is None:
             folder._begin(case)
-        tables = (path / name for name in (SERIES, COSTS, OUTLINES, SHAPE, STABILITY))
-        cut = [TableWriter.continued(table, -np.inf if until is None else until) for table in tables]
-        folder._series, folder._costs, folder._outlines, folder._shape, folder._stability = cut
-        folder._writers = {writer.path.name: writer for writer in cut}
+        last = -np.inf if until is None else until
+        folder._tables = {name: TableWriter.continued(path / f"{name}.csv", last) for name in TABLES}
         again = {"at": now(), "from_s": until, "versions": versions(), "commit": commit()}
         folder.update_manifest(status="running", reason="", resumed=[*folder._manifest.get("resumed", []), again])
         return folder
@@ -104,44 +98,14 @@ class RunFolder:
         self._manifest |= {"case": case.name, "case_digest": case.digest}
         self.update_manifest(status="running", started=now(), versions=versions(), commit=commit(), machine=machine())
 
-    def record(self, row: dict[str, float]) -> None:
-        """Append a row of quantities at one time to series.csv and wait until it is on the disk."""
-        self._series.append(row)
+    def append(self, table: str, *rows: Mapping[str, float]) -> None:
+        """Append rows to one of the `TABLES` and wait until they are on the disk.
 
-    def record_cost(self, row: dict[str, float]) -> None:
-        """Append a row of effort for one step to costs.csv."""
-        self._costs.append(row)
-
-    def record_outlines(self, time: float, rings: NDArray[np.float64]) -> None:
-        """Append cross-sections at one time to outlines.csv.
-
-        Args:
-            time: s
-            rings: points (stations, points, 3) [m] around each cross-section, in order.
+        Raises:
+            ValueError: a row has other columns than the first one.
+            OutputError: the file cannot be written.
         """
-        rows: list[dict[str, float]] = []
-        for (station, point), (x, y, z) in zip(np.ndindex(rings.shape[:2]), rings.reshape(-1, 3), strict=True):
-            rows.append({"time_s": time, "station": station, "point": point, "x_m": x, "y_m": y, "z_m": z})
-        self._outlines.append(*rows)
-
-    def record_shape(self, rows: list[dict[str, float]]) -> None:
-        """Append the shapes of cross-sections at one time to shape.csv."""
-        self._shape.append(*rows)
-
-    def record_stability(self, row: dict[str, float]) -> None:
-        """Append the stability at one time to stability.csv."""
-        self._stability.append(row)
-
-    def append(self, table: str, *rows: dict[str, float], vessel: str = "") -> None:
-        """Append rows to a table."""
-        name = f"{table}_{vessel}.csv" if vessel else f"{table}.csv"
-        self._writers.setdefault(name, TableWriter(self.path / name)).append(*rows)
-
-    def append_outlines(self, time: float, rings: Any, vessel: str = "") -> None:
-        """Append cross-sections at one time (s): points (stations, points, 3) [m] around each, in order."""
-        rows = [{"time_s": time, "station": s, "point": n, "x_m": x, "y_m": y, "z_m": z}
-                for s, ring in enumerate(rings) for n, (x, y, z) in enumerate(ring)]  # fmt: skip
-        self.append("outlines", *rows, vessel=vessel)
+        self._tables[table].append(*rows)
 
     def log(self, text: str) -> None:
         """Append a line to run.log, with the seconds since the start."""
@@ -163,6 +127,21 @@ class RunFolder:
         self.update_manifest(status=status, reason=reason, ended=now(), elapsed_s=elapsed)
         self.log(f"{status}: {reason}" if reason else status)
         self._log.close()
+
+
+def outline_rows(time: float, rings: NDArray[np.float64], vessel: int | None = None) -> list[dict[str, float]]:
+    """Return the rows of outlines.csv for cross-sections at one time.
+
+    Args:
+        time: s
+        rings: points (stations, points, 3) [m] around each cross-section, in order.
+        vessel: its number where there are several.
+    """
+    of: dict[str, float] = {"time_s": time} if vessel is None else {"time_s": time, "vessel": vessel}
+    return [
+        {**of, "station": station, "point": point, "x_m": x, "y_m": y, "z_m": z}
+        for (station, point), (x, y, z) in zip(np.ndindex(rings.shape[:2]), rings.reshape(-1, 3), strict=True)
+    ]
 
 
 def _locked(path: Path) -> IO[str]:

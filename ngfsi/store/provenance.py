@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -48,6 +49,12 @@ def commit() -> dict[str, Any] | None:
     if identifier is None:
         return None
     return {"id": identifier, "dirty": bool(_git(root, "status", "--porcelain"))}
+
+
+def named_commit(manifest: Mapping[str, Any]) -> str:
+    """Return the commit in the manifest of a run as the end of a sentence; empty if it names none."""
+    found = manifest.get("commit")
+    return f", commit {found['id'][:10]}{' with changes' if found['dirty'] else ''}" if found else ""
 
 
 def _git(folder: Path, *arguments: str) -> str | None:

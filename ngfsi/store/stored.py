@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,15 @@ from ngfsi.case import Case
 from ngfsi.errors import OutputError
 from ngfsi.measure.shear_history import ShearHistory, slope
 from ngfsi.store.disk import explained
-from ngfsi.store.folder import CASE, COSTS, MANIFEST, OUTLINES, SERIES, SHAPE, STABILITY
+from ngfsi.store.folder import CASE, MANIFEST
 from ngfsi.store.table import read_table
+from ngfsi.store.vessels import StoredVessel
+from ngfsi.units import SAME_TIME
 
-SAME_TIME = 1e-9
-"""Seconds."""
+SAME_PRESSURE = 1e-9
+"""Relative difference of pressures that is rounding."""
+COMMON = ("time_", "step_", "skin_", "displacement_", "detF_")
+"""Beginnings of columns that are of no single vessel."""
 
 Which = Literal["volume", "wall"]
 Columns = dict[str, NDArray[np.float64]]
@@ -27,10 +31,19 @@ Columns = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run on the disk; what it holds is read when first asked for."""
+    """A run on the disk; what it holds is read when first asked for.
+
+    Attributes:
+        vessel: of which columns, cross-sections and walls are those without a name; None: the whole run.
+    """
 
     path: Path
     manifest: dict[str, Any]
+    vessel: str | None = None
+
+    def of_vessel(self, name: str) -> Self:
+        """Return the run as if it were that of one of its vessels alone, whose columns lose their name."""
+        return replace(self, vessel=name)
 
     @property
     def status(self) -> str:
@@ -42,41 +55,110 @@ class StoredRun:
         """The resolved case."""
         return Case.from_toml(self.path / CASE)
 
+    def _table(self, name: str) -> Columns:
+        return read_table(self.path / f"{name}.csv")
+
+    @cached_property
+    def vessels(self) -> dict[str, StoredVessel]:
+        """The vessels by name; the first one has none."""
+        given = self.manifest.get("vessels")
+        if given is None:
+            return {vessel.name: StoredVessel(**vars(vessel)) for vessel in self.case.geometry.vessels}
+        return {name: StoredVessel.of_entry(name, entry) for name, entry in given.items()}
+
+    @property
+    def own_vessel(self) -> StoredVessel:
+        """The vessel that is looked at, or the first one.
+
+        Raises:
+            OutputError: there is none.
+        """
+        if not self.vessels:
+            raise OutputError(f"the run in '{self.path}' is of no vessel")
+        return self.vessels[self.vessel or next(iter(self.vessels))]
+
+    @property
+    def lumens(self) -> set[str]:
+        """Names of the regions of blood."""
+        return {vessel.lumen for vessel in self.case.geometry.vessels if vessel.lumen}
+
+    @cached_property
+    def skin_pressure(self) -> NDArray[np.float64] | None:
+        """Pressure on the skin over time, mean over its area with all cuffs, Pa; None: there is none."""
+        found = self.series.get("skin_pressure_mean_Pa", self.series.get("skin_pressure_Pa"))
+        return found if found is not None and np.any(found) else None
+
+    @property
+    def loaded_row(self) -> int:
+        """Row of the series in which the pressure on the skin is first at its largest; the last if it never changes."""
+        pressure = self.skin_pressure
+        if pressure is None or np.ptp(pressure) <= SAME_PRESSURE * pressure.max():
+            return len(self.series["time_s"]) - 1
+        return int(np.argmax(pressure >= (1 - SAME_PRESSURE) * pressure.max()))
+
+    def along(self, name: str, unit: str) -> NDArray[np.float64]:
+        """Return a quantity of the series at each station along the vessel over time, (times, stations).
+
+        Raises:
+            OutputError: the run does not hold it.
+        """
+        columns = sorted(c for c in self.series if c.startswith(f"{name}_z") and c.endswith(f"_{unit}"))
+        if not columns:
+            raise OutputError(f"the run in '{self.path}' holds no {name}_z00_{unit}: compute it again")
+        return np.column_stack([self.series[column] for column in columns])
+
     @cached_property
     def series(self) -> Columns:
         """Quantities over time by column, e.g. `series["lumen_volume_m3"]`; empty before the first step."""
-        return read_table(self.path / SERIES)
+        table = self._table("series")
+        if not self.vessel:
+            return table
+        begin = f"{self.vessel}_"
+        own = {name.removeprefix(begin): column for name, column in table.items() if name.startswith(begin)}
+        return {name: column for name, column in table.items() if name.startswith(COMMON)} | own
 
     @cached_property
     def costs(self) -> Columns:
         """Effort of each step by column."""
-        return read_table(self.path / COSTS)
+        return self._table("costs")
 
     @cached_property
     def shape(self) -> Columns:
         """Shape of the lumen in cross-sections by column, a row per written time and station."""
-        return read_table(self.path / SHAPE)
+        return self._of_vessel(self._table("shape"))
 
     @cached_property
     def stability(self) -> Columns:
         """Smallest eigenvalue and critical pressure by column, a row per written time; empty if not asked for."""
-        return read_table(self.path / STABILITY)
+        return self._table("stability")
 
     @cached_property
-    def _outlines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        table = read_table(self.path / OUTLINES)
-        if not table:
-            raise OutputError(f"the run in '{self.path}' holds no cross-sections yet")
-        stations, points = (int(table[name].max()) + 1 for name in ("station", "point"))
-        whole = len(table["time_s"]) // (stations * points) * stations * points
-        rings = np.column_stack([table[name][:whole] for name in ("x_m", "y_m", "z_m")])
-        return table["time_s"][: whole : stations * points], rings.reshape(-1, stations, points, 3)
+    def _outlines(self) -> Columns:
+        return self._of_vessel(self._table("outlines"))
+
+    def _of_vessel(self, table: Columns) -> Columns:
+        if "vessel" not in table:
+            return table
+        chosen = table["vessel"] == self._number
+        return {name: column[chosen] for name, column in table.items()}
 
     def outlines(self, time: float) -> tuple[float, NDArray[np.float64]]:
-        """Return the stored time [s] nearest to `time` and the cross-sections then, (stations, points, 3) [m]."""
-        times, rings = self._outlines
+        """Return the stored time [s] nearest to `time` and the vessel's cross-sections then, (stations, points, 3) [m].
+
+        Raises:
+            OutputError: none are stored.
+        """
+        table = self._outlines
+        if not table or not len(table["time_s"]):
+            raise OutputError(f"the run in '{self.path}' holds no cross-sections yet")
+        shape = int(table["station"].max()) + 1, int(table["point"].max()) + 1
+        size = shape[0] * shape[1]
+        whole = len(table["time_s"]) // size * size
+        times = table["time_s"][:whole:size]
         nearest = int(np.argmin(abs(times - time)))
-        return float(times[nearest]), rings[nearest]
+        rows = slice(nearest * size, (nearest + 1) * size)
+        rings = np.column_stack([table[name][rows] for name in ("x_m", "y_m", "z_m")]).reshape(*shape, 3)
+        return float(times[nearest]), rings
 
     def field_times(self, which: Which = "volume") -> list[float]:
         """Return the times [s] at which fields are stored."""
@@ -86,7 +168,7 @@ class StoredRun:
         """Return the fields nearest to `time` [s] as a pyvista mesh, its points deformed.
 
         Args:
-            which: "volume" for the whole domain, "wall" for the inner surface of the vein.
+            which: "volume" for the whole domain, "wall" for the inner surface of the vessels.
 
         Raises:
             OutputError: no fields are stored.
@@ -95,7 +177,15 @@ class StoredRun:
         if reader is None or not reader.time_values:
             raise OutputError(f"the run in '{self.path}' holds no fields of the {which} yet")
         reader.set_active_time_value(min(reader.time_values, key=lambda stored: abs(stored - time)))
-        return reader.read()[0]
+        found = reader.read()[0]
+        if self.vessel is None or "vessel" not in found.cell_data:
+            return found
+        return found.extract_cells(np.flatnonzero(found.cell_data["vessel"] == self._number))
+
+    @property
+    def _number(self) -> int:
+        """Of the vessel, as in the fields of the walls and in outlines of several vessels."""
+        return list(self.vessels).index(self.vessel or "")
 
     def wall_history(self, start: float = 0.0, end: float = float("inf")) -> Any:
         """Return the wall's inner surface with averages over a time, as a pyvista mesh.

@@ -34,13 +34,13 @@ from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.outlines.outline import Outline, polygon_area
 from ngfsi.outlines.registration import register_outlines
-from ngfsi.report.figures import Line, lines
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.solve.statics import section_case
 from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.table import write_rows
 from ngfsi.units import from_si
+from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.source import tables
 
 Array = NDArray[np.float64]

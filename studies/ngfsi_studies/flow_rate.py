@@ -21,13 +21,14 @@ from scipy.interpolate import PchipInterpolator
 from ngfsi.analysis.decomposition import STAGES, narrowing
 from ngfsi.case import Case
 from ngfsi.config.functions import FlowConstant
-from ngfsi.report.figures import Line, lines, stacked_bars
+from ngfsi.report.figures import stacked_bars
 from ngfsi.report.tables import markdown_table
 from ngfsi.store.disk import replace_file
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
 from ngfsi.units import from_si
 from ngfsi_studies import compare_tissues
+from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.tissue_findings import SWING, Finding, claims, find
 
 Coupling = Literal["two_way", "one_way"]

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from ngfsi.case import Case, Conditions, Materials, Output, TimeStepping
 from ngfsi.config.functions import PressureConstant, PressureRamp
 from ngfsi.materials import CompressibleNeoHookean
-from ngfsi.report.figures import FieldMap, Line, field_maps, lines
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.solve.statics import section_case
@@ -29,6 +28,7 @@ from ngfsi.store.stored import Columns, StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
 from ngfsi.units import from_si, to_si
+from ngfsi_studies.figures import FieldMap, Line, field_maps, lines
 from ngfsi_studies.source import tables
 
 PRINTED = tables("plane_sections")

@@ -22,7 +22,6 @@ from ngfsi.config.functions import FlowConstant, FlowCurve, FlowWaveform, Pressu
 from ngfsi.identify.waveform import ensemble
 from ngfsi.materials import Newtonian, load_set
 from ngfsi.outlines.outline import Outline
-from ngfsi.report.figures import Line, lines
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
@@ -30,6 +29,7 @@ from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
 from ngfsi.units import to_si
+from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.source import tables
 
 Array = NDArray[np.float64]

@@ -16,7 +16,6 @@ import numpy as np
 
 from ngfsi.case import Case
 from ngfsi.errors import NgfsiError
-from ngfsi.report.figures import Effects, elementary_effects
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
@@ -25,6 +24,7 @@ from ngfsi.store.table import write_rows
 from ngfsi.study import Results, Study, run_study
 from ngfsi.study.design import STEP, Design, Indices, indices, morris, whole_trajectories
 from ngfsi_studies import compare_tissues
+from ngfsi_studies.figures import Effects, elementary_effects
 from ngfsi_studies.tissue_findings import SWING, mean_sawss
 
 SEED = 7

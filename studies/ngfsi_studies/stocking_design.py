@@ -24,7 +24,6 @@ from ngfsi.errors import NgfsiError
 from ngfsi.measure.sections import STATIONS
 from ngfsi.mesh.domain import Domain
 from ngfsi.physics import terms
-from ngfsi.report.figures import Line, SkinPressure, lines, skin_pressures
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
@@ -35,6 +34,7 @@ from ngfsi.study.design import Design, sobol
 from ngfsi.study.surrogate import Surrogate
 from ngfsi.units import MMHG, from_si, to_si
 from ngfsi_studies import compare_tissues
+from ngfsi_studies.figures import Line, SkinPressure, lines, skin_pressures
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from math import log2
 from pathlib import Path
 
-import numpy as np
 import tomli_w
 
 from ngfsi.errors import NgfsiError
@@ -23,7 +22,7 @@ from ngfsi.report.tables import markdown_table
 from ngfsi.store.stored import StoredRun
 from ngfsi.study import run_cases
 from ngfsi_studies.compare_tissues import LEVELS, MAIN, case
-from ngfsi_studies.tissue_findings import ACCURACY, SAME_TIME, mean_sawss
+from ngfsi_studies.tissue_findings import ACCURACY, mean_sawss
 
 DEMO, PAPER, FINE = (LEVELS[name] for name in ("demo", "paper", "fine"))
 RUNS = {
@@ -99,7 +98,7 @@ def _error(coarse: Results, finest: Results, bar: Results) -> Results:
 
 def _at_ramp_end(run: StoredRun) -> Results:
     end = max(run.case.loads.skin_pressure.breakpoints)
-    row = int(np.searchsorted(run.series["time_s"], end + SAME_TIME)) - 1
+    row = run.loaded_row
     volume, sawss = (float(run.series[column][row]) for column in ("lumen_volume_m3", "sawss_Pa"))
     return {"volume": volume, "sawss": sawss, "mean_sawss": mean_sawss(run, end)}
 

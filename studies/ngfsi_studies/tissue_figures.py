@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from ngfsi.analysis.decomposition import decompose
-from ngfsi.report.figures import COLOURS, Group, outlines, stacked_series, time_series
+from ngfsi.report.figures import COLOURS
 from ngfsi.report.render import displacement_picture, wall_shear_picture
 from ngfsi.store.stored import StoredRun
 from ngfsi.units import from_si
+from ngfsi_studies.figures import Group, outlines, stacked_series, time_series
 from ngfsi_studies.tissue_findings import Finding, claims
 
 GROUPS = {"m_s1": ("m_s2", "m_s3", "m_s4"), "n_likely": (), "m_tenth": (), "n_printed": (), "m_s1_8mm": (),

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from ngfsi.analysis.decomposition import decompose
 from ngfsi.store.stored import StoredRun
 from ngfsi.study import Outcome
-from ngfsi.units import from_si
+from ngfsi.units import SAME_TIME, from_si
 
 Array = NDArray[np.float64]
 
 CLAIMS = Path(__file__).with_name("source_claims.toml")
 ACCURACY = Path(__file__).with_name("accuracy.toml")
 HYDROSTATIC = ("tissue_side", "wall_side", "wall_mean")
-SAME_TIME = 1e-9
 SWING = 0.4
 """Time (s) before the end of the ramp over which SAWSS is averaged: some periods of the vein's oscillation."""
 
@@ -32,7 +31,7 @@ class Moment:
 
     Attributes:
         time: s
-        skin_pressure: Pa
+        skin_pressure: mean over the skin, Pa
         loss: share of the lumen's volume lost since t = 0.
         loss_unloaded: share lost of the volume of the shape without any load.
         sawss: wall shear stress, mean over the wall [Pa].
@@ -91,8 +90,7 @@ def find(title: str, outcome: Outcome) -> Finding | None:
     if run is None or not len(run.series.get("time_s", ())):
         return None
     times = run.series["time_s"]
-    ramp = max(run.case.loads.skin_pressure.breakpoints)
-    row = int(np.searchsorted(times, ramp + SAME_TIME)) - 1
+    row = run.loaded_row
     first, unloaded = run.series["lumen_volume_m3"][0], run.manifest["reference"]["lumen_volume_m3"]
     return Finding(
         title=title,
@@ -129,7 +127,7 @@ def _moment(run: StoredRun, row: int) -> Moment:
     left = volume[row] / volume[0]
     return Moment(
         time=float(series["time_s"][row]),
-        skin_pressure=float(series["skin_pressure_Pa"][row]),
+        skin_pressure=0.0 if run.skin_pressure is None else float(run.skin_pressure[row]),
         loss=float(1 - left),
         loss_unloaded=float(1 - volume[row] / run.manifest["reference"]["lumen_volume_m3"]),
         sawss=float(sawss[row]),

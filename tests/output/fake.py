@@ -18,7 +18,7 @@ from ngfsi.measure.quantities import QUANTITIES
 from ngfsi.measure.wall import WallSample
 from ngfsi.mesh.domain import Domain
 from ngfsi.store.fields import FieldWriter
-from ngfsi.store.folder import RunFolder
+from ngfsi.store.folder import RunFolder, outline_rows
 from ngfsi.store.stored import StoredRun, open_run
 from ngfsi.units import MMHG
 
@@ -56,11 +56,13 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
                                             "hydrostatic_pressure_Pa": 1e5 * ng.x})  # fmt: skip
     for number, time in enumerate(np.arange(0, case.time.end + 1e-9, case.time.step)):
         stretch = np.sqrt(INFLATION * (1 - loss * min(time, 1.0)))
-        folder.record(_row(case, time, stretch))
-        folder.record_outlines(time, _rings(stretch))
-        folder.record_shape(_shape(time, stretch))
+        folder.append("series", _row(case, time, stretch))
+        folder.append("outlines", *outline_rows(time, _rings(stretch)))
+        folder.append("shape", *_shape(time, stretch))
         if number:
-            folder.record_cost({"step": number, "time_s": time, "iterations": 4, "factorisations": 1, "wall_s": 0.5})
+            folder.append(
+                "costs", {"step": number, "time_s": time, "iterations": 4, "factorisations": 1, "wall_s": 0.5}
+            )
         writer.write_wall(time, wall_sample(stretch))
         if number == 0 or time >= case.time.end - 1e-9:
             displacement.Set(_contraction(stretch))

@@ -11,22 +11,20 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-
 from ngfsi.outlines.outline import polygon_area
-from ngfsi.report import figures
-from ngfsi.report.figures import (
-    COLOURS,
-    Convergence,
+from ngfsi_studies import figures as of_studies
+from ngfsi_studies.figures import (
     Effects,
     Group,
     SkinPressure,
-    convergence,
     elementary_effects,
     outlines,
-    results_over_inputs,
     skin_pressures,
     time_series,
 )
+
+from ngfsi.report import figures
+from ngfsi.report.figures import COLOURS, Convergence, convergence, results_over_inputs
 from ngfsi.store.stored import StoredRun
 
 
@@ -34,14 +32,15 @@ from ngfsi.store.stored import StoredRun
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """The figures that are made during a test."""
     made: list[Figure] = []
-    original = figures._figure
+    original = figures.new_figure
 
     def keep(*size: Any) -> tuple[Figure, Any]:
         figure, axes = original(*size)
         made.append(figure)
         return figure, axes
 
-    monkeypatch.setattr(figures, "_figure", keep)
+    for module in (figures, of_studies):
+        monkeypatch.setattr(module, "new_figure", keep)
     return made
 
 
@@ -84,7 +83,7 @@ def test_time_series(stored: StoredRun, tmp_path: Path, drawn: list[Figure]) -> 
 def test_the_band_ends_where_its_runs_end(stored: StoredRun) -> None:
     failed = other(stored, 2.0, 4)
     times = stored.series["time_s"]
-    low, high = figures._range((stored, failed), lambda run: run.series["sawss_Pa"], times)
+    low, high = of_studies._range((stored, failed), lambda run: run.series["sawss_Pa"], times)
     np.testing.assert_array_equal(low, stored.series["sawss_Pa"])
     np.testing.assert_allclose(high, stored.series["sawss_Pa"] * [2, 2, 2, 2, 1, 1, 1])
 

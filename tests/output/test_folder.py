@@ -12,6 +12,7 @@ import pytest
 import ngfsi
 from ngfsi.errors import OutputError
 from ngfsi.store import RunFolder, open_run
+from ngfsi.store.folder import outline_rows
 from ngfsi.store.provenance import commit
 from ngfsi.store.table import TableWriter, read_table, write_parquet, write_rows
 from tests.output.fake import CASE
@@ -21,7 +22,7 @@ def test_series_is_on_the_disk_after_each_row_and_exact(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "a" / "b", CASE)
     rows = [{"time_s": 0.0, "sawss_Pa": 1 / 3}, {"time_s": 0.1 + 0.2, "sawss_Pa": np.float64(1e-300)}]
     for number, row in enumerate(rows, start=1):
-        folder.record(dict(row))
+        folder.append("series", dict(row))
         series = open_run(folder.path).series
         assert list(series) == ["time_s", "sawss_Pa"]
         assert [len(column) for column in series.values()] == [number, number]
@@ -32,10 +33,10 @@ def test_series_is_on_the_disk_after_each_row_and_exact(tmp_path: Path) -> None:
 
 def test_a_row_with_other_columns_is_a_mistake(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", CASE)
-    folder.record({"time_s": 0.0, "sawss_Pa": 1.0})
+    folder.append("series", {"time_s": 0.0, "sawss_Pa": 1.0})
     with pytest.raises(ValueError, match="sawss_Pa"):
-        folder.record({"time_s": 0.1})
-    folder.record({"sawss_Pa": 2.0, "time_s": 0.1})  # the order does not matter
+        folder.append("series", {"time_s": 0.1})
+    folder.append("series", {"sawss_Pa": 2.0, "time_s": 0.1})  # the order does not matter
     assert open_run(folder.path).series["sawss_Pa"].tolist() == [1.0, 2.0]
 
 
@@ -56,7 +57,7 @@ def test_outlines_return_the_rings_of_the_nearest_time(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", CASE)
     rings = np.random.default_rng(0).random((3, 2, 7, 3))
     for time, ring in zip((0.0, 0.25, 0.5), rings, strict=True):
-        folder.record_outlines(time, ring)
+        folder.append("outlines", *outline_rows(time, ring))
     time, found = open_run(folder.path).outlines(0.3)
     assert time == 0.25
     np.testing.assert_array_equal(found, rings[1])
@@ -102,7 +103,7 @@ def test_a_disk_that_fails_is_named(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", CASE)
     (folder.path / "series.csv").mkdir()
     with pytest.raises(OutputError, match=r"series\.csv' cannot be written: Is a directory"):
-        folder.record({"time_s": 0.0})
+        folder.append("series", {"time_s": 0.0})
 
 
 def test_folders_that_hold_no_run(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,9 +25,12 @@ def test_by_angle(stored: StoredRun) -> None:
     assert np.abs(pressure - exact)[there].max() < 1e5 * RADIUS * np.pi / 24
 
 
-def test_transmission() -> None:
-    """Half of 4 kPa more on the skin arrives; at first there is nothing to transmit."""
+def test_transmission(stored: StoredRun) -> None:
+    """Half of 4 kPa more on the skin arrives; at first there is nothing to transmit. With cuffs the mean counts."""
     skin, wall = np.array([500.0, 500.0, 4500.0]), np.array([1500.0, 1600.0, 3500.0])
-    found = transmission({"skin_pressure_Pa": skin, "p_tissue_side_Pa": wall})
-    assert np.isnan(found[:2]).all()
-    assert found[2] == pytest.approx(0.5)
+    for column in ("skin_pressure_Pa", "skin_pressure_mean_Pa"):
+        run = replace(stored)
+        run.__dict__["series"] = {"skin_pressure_Pa": 0 * skin, column: skin, "p_tissue_side_Pa": wall}
+        found = transmission(run)
+        assert np.isnan(found[:2]).all()
+        assert found[2] == pytest.approx(0.5)

@@ -61,7 +61,7 @@ def test_watching_other_processes(
     with Watch({"m": (tmp_path / "m", 1.0), "n": (tmp_path / "n", 1.0)}) as watch:
         watch.look()
         folder = RunFolder.create(tmp_path / "m", CASE)
-        folder.record({"time_s": 0.25})
+        folder.append("series", {"time_s": 0.25})
         watch.look()
         watch.finished("n", "no mesh")
     bar = capsys.readouterr().err
@@ -80,7 +80,7 @@ def test_progress_over_all_cases(
     """Of many runs those under way and those that failed have a line, and one line counts all."""
     keys = [f"case{number:02d}" for number in range(20)]
     with Watch({key: (tmp_path / key, 1.0) for key in keys}) as watch:
-        RunFolder.create(tmp_path / keys[0], CASE).record({"time_s": 0.25})
+        RunFolder.create(tmp_path / keys[0], CASE).append("series", {"time_s": 0.25})
         watch.look()
         watch.finished(keys[1], "")
         watch.finished(keys[2], "no mesh")

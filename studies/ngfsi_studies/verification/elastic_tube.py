@@ -14,6 +14,7 @@ from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import Newtonian, SaintVenantKirchhoff
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import TimeLoop
+from ngfsi.units import SAME_TIME
 from ngfsi.verify import Benchmark, Reference, Setting, Signals, Values
 from ngfsi_studies.verification.plane import at_rest, case_of
 
@@ -28,7 +29,6 @@ FIRST_PASSAGE = 10e-3
 STATIONS = (0.25, 0.5, 0.75)
 """Places, over the length, where the inner wall's displacement is recorded."""
 MOENS_KORTEWEG = float(np.sqrt(SOLID.young * WALL / (2 * FLUID.density * RADIUS * (1 - SOLID.poisson**2))))
-SAME_TIME = 1e-9
 
 
 class Pulse(PressureConstant):  # type: ignore[valid-type, misc]

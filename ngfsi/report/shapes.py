@@ -1,0 +1,81 @@
+"""Shapes of stored runs for charts and pictures: solids, half of them, unrolled wall, and where to look from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.store.fields import DISPLACEMENT, REGION
+from ngfsi.store.stored import StoredRun
+from ngfsi.store.vessels import Course, Frame
+
+Array = NDArray[np.float64]
+
+SHEAR = "wall_shear_magnitude_Pa"
+AROUND, ALONG = 121, 61
+"""Points of an unrolled wall."""
+OFF_FACES = 0.01
+"""Share of the length by which a cut lies off mid-length, where the faces between elements are: VTK finds a point of a
+face in either of its elements or in none."""
+FROM_THE_SIDE, FROM_ABOVE, FROM_BEHIND = (0.2, 1.1, 0.2), (0.9, -2.1, 2.0), (0.4, -0.7, 0.6)
+"""Ways to look, as components along the axes of a `Frame`."""
+
+
+def course(run: StoredRun) -> Course:
+    """Return where the run's vessel leads; without one with a centreline, a line along z through the middle."""
+    if run.vessels and run.own_vessel.centreline is not None:
+        return run.own_vessel.course
+    bounds = np.reshape(run.fields(0.0).bounds, (3, 2))
+    middle = bounds.mean(axis=1)
+    height = max(np.ptp(bounds[2]), 1e-3 * np.ptp(bounds[0]))  # of a plane section there is none
+    return Course(middle + np.array([[0, 0, -height / 2], [0, 0, height / 2]]))
+
+
+def solids(run: StoredRun, time: float = np.inf) -> Any:
+    """Return the deformed solids nearest to `time` (s) with the size of their `displacement` in mm."""
+    grid = run.fields(min(time, run.field_times()[-1]))
+    blood = np.isin([str(name) for name in grid.field_data["regions"]], sorted(run.lumens))
+    solid = grid.extract_cells(np.flatnonzero(~blood[grid.cell_data[REGION]]))
+    solid.point_data["displacement"] = np.linalg.norm(solid.point_data[DISPLACEMENT], axis=1) * 1e3
+    return solid
+
+
+def lower_half(run: StoredRun, time: float) -> Any:
+    """Return the solids before the middle of the vessel; those of a plane section whole."""
+    solid = solids(run, time)
+    if is_plane(solid):
+        return solid
+    frame = course(run).frame(0.5 + OFF_FACES)
+    return solid.clip(frame.axes[2], origin=frame.centre)
+
+
+def is_plane(grid: Any) -> bool:
+    """Return whether a mesh is a plane section."""
+    return not np.ptp(grid.bounds[4:])
+
+
+def middle(run: StoredRun) -> Frame:
+    """Return the plane across the middle of the run's vessel."""
+    return course(run).frame(0.5)
+
+
+def unroll(run: StoredRun) -> tuple[Array, Array, Array]:
+    """Return angles [deg], positions [mm] and wall shear stress [Pa] (positions, angles) of the last stored wall.
+
+    Angle and position are those of a point of the wall at the first stored time.
+    """
+    from scipy.interpolate import griddata
+
+    times = run.field_times("wall")
+    place, values = run.fields(times[0], "wall").points, run.fields(times[-1], "wall").point_data[SHEAR]
+    turned, position = run.own_vessel.course.around(np.asarray(place, dtype=float))
+    angle, position = np.degrees(turned), position * 1e3
+    known = np.column_stack([np.concatenate([angle + turn for turn in (-360, 0, 360)]), np.tile(position, 3)])
+    angles, positions = np.linspace(-180, 180, AROUND), np.linspace(position.min(), position.max(), ALONG)
+    wanted = tuple(np.meshgrid(angles, positions))
+    # degrees and millimetres are of like size, which the triangulation needs
+    values = np.tile(np.asarray(values, dtype=float), 3)
+    linear, nearest = (griddata(known, values, wanted, method=method) for method in ("linear", "nearest"))
+    return angles, positions, np.where(np.isfinite(linear), linear, nearest)

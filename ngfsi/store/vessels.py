@@ -1,0 +1,149 @@
+"""The vessels of a stored run, and positions along and around them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.errors import OutputError
+from ngfsi.mesh.geometry import Vessel
+
+Array = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+STEEP = 0.7
+"""Cosine between a vessel and an axis from which the axis is no direction to count angles from."""
+
+
+class Polyline:
+    """A line through points (n, 3) [m], measured by its arc length s [m]; beyond its ends it goes on straight."""
+
+    def __init__(self, points: Any) -> None:
+        self._points = np.asarray(points, dtype=float)
+        steps = np.diff(self._points, axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        self._s = np.append(0.0, np.cumsum(lengths))
+        self._ways = steps / lengths[:, None]
+        ends = self._ways[:1], self._ways[-1:]
+        self._tangents = np.concatenate([ends[0], self._ways[1:] + self._ways[:-1], ends[1]])
+
+    @property
+    def length(self) -> float:
+        """From end to end, m."""
+        return float(self._s[-1])
+
+    def points(self, s: Any) -> Array:
+        """Return the points (..., 3) [m] at arc lengths (...)."""
+        s = np.asarray(s, dtype=float)
+        part = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._ways) - 1)
+        return np.asarray(self._points[part] + (s - self._s[part])[..., None] * self._ways[part])
+
+    def tangents(self, s: Any) -> Array:
+        """Return the unit tangents (..., 3) at arc lengths (...)."""
+        found = np.stack([np.interp(s, self._s, self._tangents[:, i]) for i in range(3)], axis=-1)
+        return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
+
+    def coordinate(self, points: Array) -> Array:
+        """Return the arc length (n,) of the nearest point of the line to each of the points (n, 3)."""
+        found, nearest = np.zeros(len(points)), np.full(len(points), np.inf)
+        for number, (start, way) in enumerate(zip(self._points[:-1], self._ways, strict=True)):
+            low = -np.inf if number == 0 else 0.0
+            high = np.inf if number == len(self._ways) - 1 else self._s[number + 1] - self._s[number]
+            along = np.clip((points - start) @ way, low, high)
+            distance = np.linalg.norm(points - start - along[:, None] * way, axis=1)
+            closer = distance < nearest
+            found[closer], nearest[closer] = self._s[number] + along[closer], distance[closer]
+        return found
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A plane across a vessel.
+
+    Attributes:
+        centre: (3,) on the vessel's centreline, m.
+        axes: (3, 3) unit vectors: two across, from the first of which angles count, and the third along the vessel.
+    """
+
+    centre: Array
+    axes: Array
+
+    def across(self, points: Array) -> Array:
+        """Return the components (..., 2) [m] in the plane of points (..., 3); x and y of those of a vessel along z."""
+        return np.asarray(points @ self.axes[:2].T)
+
+    @property
+    def is_transverse(self) -> bool:
+        """Whether the plane is that of x and y."""
+        return bool(np.allclose(self.axes, np.eye(3), atol=1e-6))
+
+
+class Course:
+    """Where a vessel leads: angles around it and positions along it."""
+
+    def __init__(self, centreline: Any) -> None:
+        """Take the points (n, 3) [m] of a centreline."""
+        self.line = Polyline(centreline)
+        self.length = self.line.length
+        steepest = np.abs(self.line.tangents(np.linspace(0.0, self.length, 101))).max(axis=0)
+        self._start = 0 if steepest[0] < STEEP else int(np.argmin(steepest))
+
+    @property
+    def start(self) -> str:
+        """The axis from which angles count: x, unless the vessel runs along it."""
+        return AXES[self._start]
+
+    def frames(self, s: Any) -> tuple[Array, Array]:
+        """Return centres (..., 3) [m] and axes (..., 3, 3) as of `Frame` at arc lengths (...) [m]."""
+        along = self.line.tangents(s)
+        first = np.eye(3)[self._start] - along[..., self._start, None] * along
+        first /= np.linalg.norm(first, axis=-1, keepdims=True)
+        return self.line.points(s), np.stack([first, np.cross(along, first), along], axis=-2)
+
+    def frame(self, share: float) -> Frame:
+        """Return the plane at a share of the length."""
+        return Frame(*self.frames(share * self.length))
+
+    def around(self, points: Array) -> tuple[Array, Array]:
+        """Return the angle [rad, -pi to pi] around the vessel and the position along it [m] of points (n, 3)."""
+        position = self.line.coordinate(points)
+        centres, axes = self.frames(position)
+        x, y = np.einsum("nij,nj->in", axes[:, :2], points - centres)
+        return np.arctan2(y, x), position
+
+
+@dataclass(frozen=True)
+class StoredVessel(Vessel):
+    """A vessel as the manifest of a run describes it."""
+
+    @classmethod
+    def of_entry(cls, name: str, entry: Mapping[str, Any]) -> StoredVessel:
+        """Return what an entry of `vessels` in a manifest describes; lengths there are in m."""
+        line = tuple((float(x), float(y), float(z)) for x, y, z in entry.get("centreline_m") or ())
+        return cls(
+            name,
+            lumen=entry.get("lumen"),
+            interface=entry.get("interface") or "",
+            wall=entry.get("wall"),
+            outer=entry.get("outer"),
+            inlets=tuple(entry.get("inlets") or ()),
+            outlets=tuple(entry.get("outlets") or ()),
+            centreline=line if len(line) > 1 else None,
+            radius=float(entry.get("radius_m") or 1.0),
+        )
+
+    @cached_property
+    def course(self) -> Course:
+        """Where it leads.
+
+        Raises:
+            OutputError: it has no centreline, as in a plane section.
+        """
+        if self.centreline is None:
+            raise OutputError(f"the vessel '{self.name or self.interface}' has no centreline, as in a plane section")
+        return Course(self.centreline)
