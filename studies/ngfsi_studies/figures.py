@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.tri import Triangulation
-from ngfsi.outlines.outline import polygon_area
 from numpy.typing import NDArray
 
+from ngfsi.outlines.outline import polygon_area
 from ngfsi.report.figures import COLOURS, QUIET, new_figure, new_panels
 from ngfsi.store.stored import StoredRun
 

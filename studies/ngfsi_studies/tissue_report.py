@@ -127,6 +127,11 @@ def reasons(findings: Mapping[str, Finding], claimed: Mapping[str, Any]) -> str:
     return "\n".join((*volume, *shear, _pressure_reason(claimed["hydrostatic_pressure_kPa"]))) + "\n"
 
 
+def _kpa(modulus: float | None) -> float:
+    assert modulus is not None  # all laws of this study have one
+    return from_si(modulus, "kPa")
+
+
 def _volume_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float]) -> list[str]:
     lines = [
         "1. **Volume.** The source says neither which bulk modulus M has nor whether its shape is the unloaded one."
@@ -135,8 +140,8 @@ def _volume_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float
         if finding := findings.get(key):
             now, law = finding.ramp_end, finding.run.case.materials.law_of("tissue")
             lines.append(
-                f"   - {finding.title} (initial shear modulus {from_si(law.shear_modulus, 'kPa'):.3g}, bulk modulus "
-                f"{from_si(law.bulk_modulus, 'kPa'):.4g} kPa): the blood pressure inflates the unloaded vein by "
+                f"   - {finding.title} (initial shear modulus {_kpa(law.shear_modulus):.3g}, bulk modulus "
+                f"{_kpa(law.bulk_modulus):.4g} kPa): the blood pressure inflates the unloaded vein by "
                 f"{100 * finding.inflation:.1f} %; relative to the unloaded shape the loss is "
                 f"{100 * now.loss_unloaded:.1f} % instead of {100 * now.loss:.1f} %."
             )
@@ -151,7 +156,7 @@ def _volume_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float
         doubt = " and cannot have given the printed loss" if now.loss < printed["N"] / 200 else ""
         lines.append(
             f"   - {finding.title}: {100 * now.loss:.1f} % at {now.skin_mmhg:.3g} mmHg; these constants mean an "
-            f"initial shear modulus of {from_si(shear, 'kPa'):.3g} kPa{doubt}."
+            f"initial shear modulus of {_kpa(shear):.3g} kPa{doubt}."
         )
     if finding := findings.get("m_tenth"):
         now = finding.ramp_end

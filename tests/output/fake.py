@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ngfsi.case import Case, Loads, Materials, Output, TimeStepping
 from ngfsi.config.functions import PressureRamp
 from ngfsi.materials import load_set
-from ngfsi.measure.quantities import QUANTITIES
+from ngfsi.measure.quantities import SYSTEM, VESSEL
 from ngfsi.measure.wall import WallSample
 from ngfsi.mesh.domain import Domain
 from ngfsi.store.fields import FieldWriter
@@ -99,7 +99,8 @@ def _row(case: Case, time: float, stretch: float) -> dict[str, float]:
         given[f"area_z{station:02d}_m2"] = area
         given[f"p_blood_z{station:02d}_Pa"] = blood
         given[f"p_transmural_z{station:02d}_Pa"] = blood - 0.8 * skin
-    columns = [quantity.column for quantity in QUANTITIES]
+    columns = [quantity.column() for quantity in (*SYSTEM, *VESSEL)]
+    columns += [f"detF_min_{region}_1" for region in ("tissue", "wall", "fluid")]
     return {"time_s": time, "step_s": case.time.step if time else 0.0} | {c: given.get(c, 1.0) for c in columns}
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from ngfsi.outlines.outline import polygon_area
 from ngfsi_studies import figures as of_studies
 from ngfsi_studies.figures import (
     Effects,
@@ -23,6 +22,7 @@ from ngfsi_studies.figures import (
     time_series,
 )
 
+from ngfsi.outlines.outline import polygon_area
 from ngfsi.report import figures
 from ngfsi.report.figures import COLOURS, Convergence, convergence, results_over_inputs
 from ngfsi.store.stored import StoredRun

@@ -18,6 +18,7 @@ from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.plane import PlaneSectionProbe
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.outlines.outline import Outline
+from ngfsi.physics.fields import STRETCH
 from ngfsi.run.observers import volume_fields
 from ngfsi.solve.statics import equilibrium, section_case
 from ngfsi.store.fields import STRESS

@@ -37,7 +37,7 @@ def compute(setting: Setting) -> Values:
     velocity, pressure = found.named(found.state)[VELOCITY], found.blood_pressure()
     parabola = ng.CF((0, 0, 2 * FLOW / (np.pi * RADIUS**2) * (1 - (ng.x**2 + ng.y**2) / RADIUS**2)))
     inlet = ng.Integrate(pressure * domain.ds("inlet"), domain.mesh) / domain.area("inlet")
-    wall = Wall(found)
+    wall = Wall(found, found.domain.vessels[0])
     wall.refresh()
     sample = wall.sample(8)
     shear = np.linalg.norm(sample.shear, axis=1)

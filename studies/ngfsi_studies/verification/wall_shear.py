@@ -151,7 +151,7 @@ def solved(setting: Setting) -> tuple[System, Tube]:
 def compute(setting: Setting) -> Values:
     """Return errors of the wall shear stress by both methods: of the vector, and of the mean of its magnitude."""
     found, exact = solved(setting)
-    wall = Wall(found)
+    wall = Wall(found, found.domain.vessels[0])
     wall.refresh()
     size = ng.Norm(exact.shear)
     area, mean, square = (wall.integral(part) for part in (ng.CF(1.0), size, size * size))

@@ -75,7 +75,7 @@ def compute(setting: Setting) -> Values:
     flowing, domain = found.named(found.state)[VELOCITY], found.domain
     flowing.Set(velocity(0.0), definedon=domain.materials("fluid"), bonus_intorder=4)
     found.prescribe()
-    newton, wall = Newton(found, choose_backend("auto"), "w", "p"), Wall(found)
+    newton, wall = Newton(found, choose_backend("auto"), "w", "p"), Wall(found, found.domain.vessels[0])
     errors = []
     for step in TimeLoop(found.case, found, newton).run():
         wall.refresh()
