@@ -96,12 +96,13 @@ class Centreline:
 
 
 def vessels_of(geometry: Any) -> tuple[Vessel, ...]:
-    """Return the vessels of a geometry; of one that names none its straight vein along z."""
+    """Return the vessels of a geometry; of one that names none the one that it is made of."""
     if found := getattr(geometry, "vessels", None):
         return tuple(found)
-    ends = tuple((*geometry.vein_centre, z) for z in (0.0, geometry.length))
     given: dict[str, Any] = {} if "wall_outer" in geometry.boundary_names else {"wall": None, "outer": None}
-    return (Vessel(lumen=geometry.fluid, centreline=ends, radius=geometry.lumen_radius, **given),)
+    if centre := getattr(geometry, "vein_centre", None):
+        given["centreline"] = tuple((*centre, z) for z in (0.0, geometry.length))
+    return (Vessel(lumen=geometry.fluid, radius=geometry.size, **given),)
 
 
 def find_centrelines(domain: Domain, vessel: Vessel) -> tuple[Centreline, ...]:
