@@ -124,6 +124,19 @@ def test_a_fork() -> None:
         assert sections.whole.all()
 
 
+def test_planes_that_cut_both_branches() -> None:
+    """Of both ellipses the one around the point is taken, and none where the point is far from both."""
+    sections = Sections(system(SPLIT))
+    sections.refresh()
+    ends, parts = np.array([end for end, _ in BRANCHES.values()]), np.array([part for _, part in BRANCHES.values()])
+    centres = np.vstack([0.75 * ends, [0.0, 12 * RADIUS, 15e-3]])
+    outlines, points = sections.across(centres, np.tile([0.0, 0.0, 1.0], (3, 1)))
+    assert outlines.whole.tolist() == [True, True, False]
+    areas = outlines.enclosed(points - outlines.spread(centres), outlines.derivative(points))
+    assert areas[:2] == pytest.approx(parts**2 * AREA * np.linalg.norm(ends, axis=1) / ends[:, 2], rel=2e-3)
+    assert outlines.centroids(points)[:2] == pytest.approx(centres[:2], abs=1e-2 * RADIUS)
+
+
 def test_a_line_of_the_geometry_goes_first() -> None:
     given = (tuple(TRUNK), tuple(FORK), tuple(BRANCHES["outlet"][0]))
     lines = find_centrelines(domain_of(SPLIT), Vessel(outlets=tuple(BRANCHES), centreline=given, radius=RADIUS))
