@@ -12,6 +12,7 @@ reports `METHOD`, and the mean of the other beside it: their difference tells ho
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import ngsolve as ng
@@ -82,8 +83,7 @@ class Wall:
         Args:
             lines: its centrelines; default: those found.
         """
-        self.system, self.vessel = system, vessel
-        lines = lines or find_centrelines(system.domain, vessel)
+        self.system, self.vessel, self._lines = system, vessel, lines
         domain, order = system.domain, system.unknowns.order
         fluid = str(vessel.lumen)
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
@@ -109,7 +109,7 @@ class Wall:
         self._shear = self._projection.work_of(self.shear)
         self.field = ng.GridFunction(self._projection.space)
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
-        self._along = (k.F * direction(domain, vessel, lines)).Compile()
+        self._gradient = k.F
         self._normal = normal.Compile()
         self._points = self._map(_rules(lambda shape: ng.IntegrationRule(shape, 2 * order)))
 
@@ -167,6 +167,13 @@ class Wall:
         along /= np.linalg.norm(along, axis=1)[:, None]
         tangential = np.stack([np.sum(shear * way, axis=1) for way in (along, np.cross(along, normal))], axis=1)
         return WallSample(points, quads, shear, np.asarray(pressure(at)).ravel(), tangential)
+
+    @cached_property
+    def _along(self) -> Any:
+        """Where the material lines along the centreline lead now; lines are looked for when samples are wanted."""
+        domain = self.system.domain
+        lines = self._lines or find_centrelines(domain, self.vessel)
+        return (self._gradient * direction(domain, self.vessel, lines)).Compile()
 
     def _map(self, rules: Any) -> Any:
         return self.system.domain.mesh.MapToAllElements(rules, self._region)

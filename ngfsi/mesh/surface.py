@@ -296,12 +296,15 @@ class Surface:
             plane: (arcs, functions) coefficients of the distance from the plane.
             below: whether starts are on the plane's negative side, if the plane is known to lie between 0 and 1.
         """
-        low = np.zeros(start.shape[:2])
+        coefficients, low = plane.reshape(-1, self._degree + 1, self._degree + 1), np.zeros(start.shape[:2])
         high, step = np.ones_like(low), low if below is None else low + 0.5
         for _ in range(ITERATIONS):
             at = start + step[..., None] * way
-            value = self._distance(plane, at)
-            slope = sum(way[..., axis] * self._distance(plane, at, axis) for axis in (0, 1))
+            x, y = (self._legendre(at[..., axis]) for axis in (0, 1))
+            part = x @ coefficients
+            value = np.sum(part * y, axis=2)
+            slope = way[..., 0] * np.sum(x @ self._derivative @ coefficients * y, axis=2)
+            slope += way[..., 1] * np.sum(part * (y @ self._derivative), axis=2)
             change = -value / np.where(slope == 0, np.inf, slope)
             if below is not None:
                 before = (value < 0) == below
@@ -314,15 +317,20 @@ class Surface:
                 break
         return np.asarray(step)
 
-    def _distance(self, plane: Array, at: Array, slope: int | None = None) -> Array:
-        return np.asarray(self._basis(at, slope) @ plane[..., None])[..., 0]
-
     def _basis(self, at: Array, slope: int | None = None) -> Array:
         """Return the functions (..., functions) at parameters (..., 2), or their derivatives along one of these."""
-        factors = [legendre.legvander(2 * at[..., axis] - 1, self._degree) for axis in (0, 1)]
+        factors = [self._legendre(at[..., axis]) for axis in (0, 1)]
         if slope is not None:
             factors[slope] = factors[slope] @ self._derivative
         return np.asarray((factors[0][..., :, None] * factors[1][..., None, :]).reshape(*at.shape[:-1], -1))
+
+    def _legendre(self, at: Array) -> Array:
+        """Return Legendre's polynomials (..., degree + 1) on [0, 1]; NumPy's own function takes three times as long."""
+        values = np.empty((*at.shape, self._degree + 1))
+        values[..., 0], values[..., 1] = 1.0, 2 * at - 1
+        for n in range(1, self._degree):
+            values[..., n + 1] = ((2 * n + 1) * values[..., 1] * values[..., n] - n * values[..., n - 1]) / (n + 1)
+        return values
 
 
 def _slopes(degree: int) -> Array:

@@ -7,9 +7,10 @@ from functools import cache
 import ngsolve as ng
 import numpy as np
 import pytest
-from ngfsi.run.rigid import rigid_case
 from numpy.typing import NDArray
 
+from ngfsi.case import Case, Discretisation, Loads, Materials, TimeStepping
+from ngfsi.conditions import FreeOpening
 from ngfsi.config.functions import FlowConstant
 from ngfsi.errors import MeshError
 from ngfsi.measure.sections import Sections
@@ -40,7 +41,10 @@ SPLIT = Tubes(
 
 @cache
 def system(lumen: Lumen) -> System:
-    return System(rigid_case(lumen, BLOOD, FlowConstant(value=1e-7), order=2), domain_of(lumen))
+    loads = Loads(inlet_flow=FlowConstant(value=1e-7), openings={"second": FreeOpening()} if lumen == SPLIT else {})
+    case = Case(name="lumen", geometry=lumen, materials=Materials(fluid=BLOOD), loads=loads,
+                discretisation=Discretisation(order=2), time=TimeStepping(step=1.0, end=1.0))  # fmt: skip
+    return System(case, domain_of(lumen))
 
 
 def straight(way: tuple[float, float, float]) -> Domain:
@@ -122,6 +126,19 @@ def test_a_fork() -> None:
         assert sections.areas[:4] == pytest.approx(np.full(4, AREA), rel=2e-3)
         assert sections.areas[4:] == pytest.approx(np.full(3, part**2 * AREA), rel=1e-2)
         assert sections.whole.all()
+
+
+def test_planes_that_cut_both_branches() -> None:
+    """Of both ellipses the one around the point is taken, and none where the point is far from both."""
+    sections = Sections(system(SPLIT))
+    sections.refresh()
+    ends, parts = np.array([end for end, _ in BRANCHES.values()]), np.array([part for _, part in BRANCHES.values()])
+    centres = np.vstack([0.75 * ends, [0.0, 12 * RADIUS, 15e-3]])
+    outlines, points = sections.across(centres, np.tile([0.0, 0.0, 1.0], (3, 1)))
+    assert outlines.whole.tolist() == [True, True, False]
+    areas = outlines.enclosed(points - outlines.spread(centres), outlines.derivative(points))
+    assert areas[:2] == pytest.approx(parts**2 * AREA * np.linalg.norm(ends, axis=1) / ends[:, 2], rel=2e-3)
+    assert outlines.centroids(points)[:2] == pytest.approx(centres[:2], abs=1e-2 * RADIUS)
 
 
 def test_a_line_of_the_geometry_goes_first() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import ngsolve as ng
 import numpy as np
 import pytest
@@ -71,6 +73,32 @@ def test_a_sheared_vein() -> None:
     area = np.linalg.norm(normals, axis=0)
     pressure = -np.einsum("ia,ij,ja->a", normals, sigma, normals) / area**2
     assert load.tissue == pytest.approx(np.full(3, np.average(pressure, weights=area)), rel=1e-4)
+
+
+def test_a_mesh_without_layers() -> None:
+    """Tissue that is widened the more the farther along the vein: vertices at any heights, taken station by station,
+    show the same rise as layers do."""
+    tissue = SaintVenantKirchhoff(young=20e3, poisson=0.2, density=0.0)
+    layers = TUBE.replace(**{"mesh.axial_layers": 8, "mesh.curving_order": 1})
+    found = []
+    for geometry in (layers, Jagged(**{name: getattr(layers, name) for name in type(layers).model_fields})):
+        system = system_of(case_of(geometry, **{"materials.tissue": tissue}))
+        x, y, z = (position()[i] for i in range(3))
+        set_motion(system, 0.02 * z / TUBE.length * ng.CF((x, y, 0)))
+        found.append(_load(system, np.linspace(0, TUBE.length, 5)).tissue)
+    assert np.ptp(found[0]) > 100
+    assert found[1] == pytest.approx(found[0], abs=0.1 * np.ptp(found[0]))
+
+
+class Jagged(TubeSegment):
+    """A tube whose vertices between the ends stand at heights of their own."""
+
+    def netgen_mesh(self, attempt: int = 0) -> Any:
+        mesh = super().netgen_mesh(attempt)
+        points = mesh.Coordinates()
+        inside = (points[:, 2] > 1e-9) & (points[:, 2] < self.length - 1e-9)
+        points[inside, 2] += np.random.default_rng(1).uniform(-0.2, 0.2, inside.sum()) * self.length / 8
+        return mesh
 
 
 def _load(system: System, heights: NDArray[np.float64]) -> WallLoad:
