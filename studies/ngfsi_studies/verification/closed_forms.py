@@ -69,6 +69,7 @@ def _exact(name: str, kind: str, amount: float) -> float:
         # J = 1 and I1 = I2 = 3 + shear^2: sigma = 2 (W1 + W2) shear
         if isinstance(law, MooneyRivlin):
             return 2 * amount * (law.c10 + law.c01 + 2 * law.c11 * amount**2)
+        assert law.shear_modulus is not None
         return law.shear_modulus * amount
     stress = stress_of(law)
     across = brentq(lambda side: stress(np.array([side, side, amount]))[0], 0.5, 2.0, xtol=1e-15)
