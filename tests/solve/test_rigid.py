@@ -58,7 +58,7 @@ def test_the_whole_coupled_system_says_the_same() -> None:
     alone = steady(case, domain_of(geometry))
     system = System(case, domain_of(geometry))
     system.set_steady()
-    system.set_loads(0.0)
+    system.update(0.0)
     Newton(system, choose_backend("auto")).solve(case.solver.tolerance, 50)
     shears = []
     for found in (alone, system):
