@@ -50,6 +50,10 @@ class BodyForce(WithValue):
         solids = self._setup.domain.geometry.solids
         return self._work(v, [n for n in self._regions or solids if n in solids], None)
 
+    def sentence(self) -> str:
+        """Return what acts now."""
+        return f"{self.value.Get():.4g} times the {self.name}"
+
     def _work(self, v: Any, regions: Sequence[str], elements: ng.BitArray | None) -> list[Integral]:
         if not regions:
             return []

@@ -199,6 +199,10 @@ class GivenVelocity(Prescribed):
         super().restore_state(arrays)
         self._field.vec.FV().NumPy()[self._numbers] = self._values
 
+    def sentence(self) -> str:
+        """Return what acts now."""
+        return f"a given velocity at '{self.name}'"
+
     def flow_scale(self) -> float:
         """Return the integral of the velocity's size over the opening (m3/s)."""
         size = ng.Norm(self._on_opening) * self._domain.ds(self.name, bonus_intorder=4)

@@ -139,6 +139,8 @@ def _volume_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float
     for key in ("m_s1", "n_likely"):
         if finding := findings.get(key):
             now, law = finding.ramp_end, finding.run.case.materials.law_of("tissue")
+            assert law.shear_modulus  # the laws of this study have both moduli
+            assert law.bulk_modulus
             lines.append(
                 f"   - {finding.title} (initial shear modulus {_kpa(law.shear_modulus):.3g}, bulk modulus "
                 f"{_kpa(law.bulk_modulus):.4g} kPa): the blood pressure inflates the unloaded vein by "
@@ -153,6 +155,7 @@ def _volume_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float
         )
     if finding := findings.get("n_printed"):
         now, shear = finding.ramp_end, finding.run.case.materials.law_of("tissue").shear_modulus
+        assert shear  # the laws of this study have one
         doubt = " and cannot have given the printed loss" if now.loss < printed["N"] / 200 else ""
         lines.append(
             f"   - {finding.title}: {100 * now.loss:.1f} % at {now.skin_mmhg:.3g} mmHg; these constants mean an "

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import ngsolve as ng
-from ngfsi_geometry.channel import BeamInChannel
 
 from ngfsi.conditions import BodyForce
 from ngfsi.linear.backends import choose_backend
@@ -28,9 +27,9 @@ KICK, KICK_SIZE, KICK_TIME = 2e4, 0.05, 0.2
 """Force (N/m3) that starts the vortices, half the dynamic pressure over the cylinder; where (m) and how long (s)."""
 
 
-def kick(geometry: BeamInChannel) -> BodyForce:
+def kick() -> BodyForce:
     """Return a push sideways for a moment in the wake: vortices would else take long to start."""
-    x, y = geometry.tip
+    x, y = BEAM_IN_CHANNEL.tip
     wake = ng.exp(-((ng.x - x - KICK_SIZE) ** 2 + (ng.y - y) ** 2) / KICK_SIZE**2)
     return BodyForce(ng.CF((0, KICK * wake)), curve=lambda t: float(RAMP < t < RAMP + KICK_TIME), name="kick")
 
@@ -39,7 +38,7 @@ def compute(setting: Setting) -> Values | tuple[Values, Signals]:
     """Return the force (N per metre of depth) on cylinder and beam."""
     name, geometry = setting["case"], refined(BEAM_IN_CHANNEL, setting["order"], setting["h"])
     if name == "CFD3":
-        shedding, _ = at_rest(rising_case(name, geometry, setting["step"], setting["end"]), kick(geometry))
+        shedding, _ = at_rest(rising_case(name, geometry, setting["step"], setting["end"]), kick())
         force = force_on_obstacle(shedding)
         rows = march(shedding, Newton(shedding, choose_backend("auto"), "w", "p"), force)
         return oscillations(rows, "drag", "lift"), Signals(("time_s", "drag_N", "lift_N"), rows)
