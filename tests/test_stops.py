@@ -12,8 +12,9 @@ import pytest
 import ngfsi.run.interrupts
 from ngfsi import cli
 from ngfsi.errors import Interrupted, StoppedError
-from ngfsi.run.computation import Computation, run
+from ngfsi.run.computation import run
 from ngfsi.run.interrupts import Stops
+from ngfsi.run.observers import Series
 from ngfsi.store import open_run
 from tests.test_resume import CASE
 
@@ -25,14 +26,14 @@ def after_step_2(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], Any]
     """Let something happen while the second step is recorded."""
 
     def arrange(happens: Callable[[], Any]) -> None:
-        note = Computation._note_cost
+        look = Series.look
 
-        def noted(self: Computation, step: Any) -> None:
-            note(self, step)
-            if step.index == 2:
+        def looked(self: Series, time: float, step: Any) -> None:
+            look(self, time, step)
+            if step and step.index == 2:
                 happens()
 
-        monkeypatch.setattr(Computation, "_note_cost", noted)
+        monkeypatch.setattr(Series, "look", looked)
 
     return arrange
 

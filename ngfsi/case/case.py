@@ -128,6 +128,9 @@ class Loads(ConfigModel):
     further: tuple[Annotated[ConditionModel, BeforeValidator(_condition)], ...] = ()
     """Whatever else acts: conditions by the `kind` under which they are registered."""
 
+    def __hash__(self) -> int:
+        return hash(tuple(tuple(value.items()) if isinstance(value, dict) else value for _, value in self))
+
     def opening(self, name: str) -> OpeningModel | None:
         """Return the condition at an opening; None: it has none."""
         if name in self.openings:

@@ -53,7 +53,7 @@ class WallLoad:
         self._forms[0] += (area * pressure).Compile() * test * ds
         self._forms[1] += area.Compile() * test * ds
         vertices = np.array(sorted({v.nr for e in system.domain.boundaries(outer).Elements() for v in e.vertices}))
-        points = np.array([mesh[ng.NodeId(ng.VERTEX, v)].point for v in vertices])
+        points = system.domain.vertices[vertices]
         along = sections.line.coordinate(points)
         away = np.linalg.norm(points - sections.line.points(along), axis=1)
         near = away < AROUND * np.median(away)

@@ -34,6 +34,9 @@ SECTIONS_PER_PIECE = 2
 WINDOW, POWER = 2.5, 8
 """A section that is wider than another within so many radii belongs to a fork: the ratio of areas is its weight, to
 this power."""
+MAPPED, INSIDE, STRAIGHT = 33, 1e-9, 1e-6
+"""Points of a given line that are looked up in a reference shape, the first and the last of them by a fraction of the
+length inside of the mesh; closer to a straight line than that fraction it is one."""
 HOLD = 100.0
 """Weight of both ends of a line, against 1 of each section."""
 
@@ -106,14 +109,14 @@ def find_centrelines(domain: Domain, vessel: Vessel) -> tuple[Centreline, ...]:
         MeshError: the vessel has no lumen to find a line in.
     """
     ends = [(vessel.inlets[0], end) for end in vessel.outlets] + [(end, vessel.outlets[0]) for end in vessel.inlets[1:]]
-    given = [] if vessel.centreline is None else [Centreline(vessel.centreline)]
+    given = [] if vessel.centreline is None else [_given(domain, vessel.centreline)]
     return *given, *(_found(domain, vessel, *pair) for pair in ends[len(given) :])
 
 
 def direction(domain: Domain, vessel: Vessel, lines: tuple[Centreline, ...]) -> Any:
     """Return the direction of the nearest centreline as a field on a vessel's interface, of unit length at vertices."""
     vertices = sorted({v.nr for element in domain.boundaries(vessel.interface).Elements() for v in element.vertices})
-    points = np.array([domain.mesh[ng.NodeId(ng.VERTEX, v)].point for v in vertices])
+    points = domain.vertices[vertices]
     feet = [line.coordinate(points) for line in lines]
     away = [np.linalg.norm(points - line.points(at), axis=1) for line, at in zip(lines, feet, strict=True)]
     ways = np.array([line.tangents(at) for line, at in zip(lines, feet, strict=True)])
@@ -123,6 +126,18 @@ def direction(domain: Domain, vessel: Vessel, lines: tuple[Centreline, ...]) -> 
     ):
         component.vec.FV().NumPy()[vertices] = values
     return found
+
+
+def _given(domain: Domain, points: Any) -> Centreline:
+    """Return the line through points of the straight mesh in the reference shape."""
+    line = Centreline(points)
+    if domain.geometry.shape_map() is None:
+        return line
+    at = np.clip(line.stations(MAPPED), INSIDE * line.length, (1 - INSIDE) * line.length)
+    places = np.asarray(ng.CF((ng.x, ng.y, ng.z))(domain.mesh(*line.points(at).T)))
+    straight = Centreline(places[[0, -1]])
+    bent = np.linalg.norm(places - straight.points(straight.coordinate(places)), axis=1).max() > STRAIGHT * line.length
+    return Centreline(places) if bent else straight
 
 
 def _found(domain: Domain, vessel: Vessel, inlet: str, outlet: str) -> Centreline:

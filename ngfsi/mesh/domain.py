@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
+from functools import cached_property
 from typing import Any
 
 import netgen.meshing as nm
@@ -171,6 +172,16 @@ class Domain:
         """Return the area [m2] of boundaries."""
         return float(ngsolve.Integrate(CoefficientFunction(1.0) * self.ds(*names, bonus_intorder=8), self.mesh))
 
+    @cached_property
+    def _vertex_displacements(self) -> Array:
+        parts = (self._shape.components[i].vec.FV().NumPy() for i in range(self.mesh.dim))
+        return np.stack([part[: self.mesh.nv] for part in parts], axis=1)
+
+    @cached_property
+    def vertices(self) -> Array:
+        """Places (vertices, dim) [m] of the mesh's vertices in the reference shape."""
+        return np.array([vertex.point for vertex in self.mesh.vertices]) + self._vertex_displacements
+
     def on_straight_mesh(self, points: Array) -> Array:
         """Return where points (n, dim) of the curved reference shape lie in the straight mesh.
 
@@ -178,6 +189,11 @@ class Domain:
         """
         place = CoefficientFunction((ngsolve.x, ngsolve.y, ngsolve.z)[: self.mesh.dim])
         straight = points.copy()
+        if self.geometry.shape_map() is not None:
+            from scipy.spatial import cKDTree
+
+            nearest = cKDTree(self.vertices).query(points)[1]
+            straight -= self._vertex_displacements[nearest]
         for _ in range(CHORD_ITERATIONS):
             straight += points - place(self.mesh(*straight.T))
         return straight

@@ -276,7 +276,7 @@ class Block(ConfigModel):
     """A block of tissue between two ends, turned about an oblique axis."""
 
     solids: ClassVar[tuple[str, ...]] = ("tissue",)
-    fluid: ClassVar[str | None] = None
+    vessels: ClassVar[tuple[Any, ...]] = ()
     rigid_names: ClassVar[tuple[str, ...]] = ()
     internal_names: ClassVar[tuple[str, ...]] = ()
     boundary_names: ClassVar[tuple[str, ...]] = ("skin", "tissue_bottom", "tissue_top")

@@ -144,7 +144,9 @@ def uniaxial(stretch: float) -> Array:
 
 
 def test_the_battery_covers_every_law() -> None:
-    assert {type(law) for law in ALL} == set(everything("ngfsi.solid_laws", "law").values())
+    assert {type(law) for law in ALL} == {
+        law for law in everything("ngfsi.solid_laws", "law").values() if law.__module__.startswith("ngfsi.")
+    }
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,7 @@ def test_a_fork() -> None:
 
 def test_planes_that_cut_both_branches() -> None:
     """Of both ellipses the one around the point is taken, and none where the point is far from both."""
-    sections = Sections(system(SPLIT))
+    sections = Sections(system(SPLIT), SPLIT.vessels[0], find_centrelines(domain_of(SPLIT), SPLIT.vessels[0])[0])
     sections.refresh()
     ends, parts = np.array([end for end, _ in BRANCHES.values()]), np.array([part for _, part in BRANCHES.values()])
     centres = np.vstack([0.75 * ends, [0.0, 12 * RADIUS, 15e-3]])

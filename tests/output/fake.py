@@ -94,6 +94,7 @@ def _row(case: Case, time: float, stretch: float) -> dict[str, float]:
         "p_wall_side_Pa": 5000.0 * time,
         "p_wall_mean_Pa": 4000.0 * time,
     }
+    given |= {f"skin_pressure_{which}_Pa": case.loads.skin_pressure(time) for which in ("mean", "max")}
     skin, blood = case.loads.skin_pressure(time), case.loads.outlet_pressure(time)
     for station in range(11):
         given[f"area_z{station:02d}_m2"] = area

@@ -13,8 +13,9 @@ from ngfsi_geometry.segment import MeshSettings
 from ngfsi_geometry.tube import BareTube
 from ngfsi_studies.verification.plane import case_of
 
-from ngfsi.case import Case, Materials
+from ngfsi.case import Case, Discretisation, Loads, Materials, TimeStepping
 from ngfsi.conditions import Ends, GivenVelocity
+from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.errors import CaseError, GeometryError, RegionError
 from ngfsi.materials import CompressibleNeoHookean, Newtonian
 from ngfsi.run import run
@@ -130,13 +131,24 @@ def test_volumes_and_names() -> None:
         assert statistics["smallest_jacobian_ratio"] > 0.5
 
 
-def test_a_run_needs_a_vein(tmp_path: Path) -> None:
-    for geometry in (Beam(mesh=COARSE), BareTube()):
-        materials = Materials(**{name: BEAM for name in geometry.solids}, fluid=FLUID if geometry.vessels else None)
-        case = case_with(Beam(mesh=COARSE)).replace(geometry=geometry, materials=materials)
-        with pytest.raises(CaseError, match=f"a {type(geometry).__name__} can be solved by the benchmarks only"):
-            run(case, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
+def test_a_run_of_lumen_and_wall(tmp_path: Path) -> None:
+    """Lame's widening u = (1 + nu) a ((1 - 2 nu) a^2 + b^2) p / (E (b^2 - a^2)) between rollers."""
+    geometry = BareTube(mesh=MeshSettings(element="mixed", axial_layers=1, curving_order=3))
+    wall, pressure = CompressibleNeoHookean(young=1e5, poisson=0.3, density=0.0), 5.0
+    case = Case(
+        name="tube",
+        geometry=geometry,
+        materials=Materials(wall=wall, fluid=FLUID),
+        loads=Loads(inlet_flow=FlowConstant(value=0.0), outlet_pressure=PressureConstant(value=pressure)),
+        discretisation=Discretisation(order=3),
+        time=TimeStepping(step=1.0, end=1.0),
+    )
+    series = run(case, tmp_path / "run", quiet=True).series
+    a = geometry.lumen_radius
+    b = a + geometry.wall_thickness
+    widening = 1.3 * a * (0.4 * a**2 + b**2) * pressure / (1e5 * (b**2 - a**2))
+    assert np.sqrt(series["area_z05_m2"] / np.pi) - a == pytest.approx(np.full(2, widening), rel=5e-3)
+    assert not any("tissue" in column or "transmural" in column for column in series)
 
 
 def test_a_tube_without_tissue() -> None:

@@ -16,6 +16,7 @@ from ngfsi.config.functions import PressureRamp
 from ngfsi.errors import CaseError
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.plane import PlaneSectionProbe
+from ngfsi.mesh.geometry import Vessel
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.outlines.outline import Outline
 from ngfsi.physics.fields import STRETCH
@@ -42,8 +43,9 @@ class Ring(PlaneSection):
         return ("tibia",) if self.hole == "tibia" else ()
 
     @property
-    def lumen_names(self) -> tuple[str, ...]:
-        return ("lumen",) if self.hole == "lumen" else ()
+    def vessels(self) -> tuple[Vessel, ...]:
+        hole = Vessel(lumen=None, interface="lumen", wall=None, outer=None, inlets=(), outlets=(), radius=INNER)
+        return (hole,) if self.hole == "lumen" else ()
 
     @property
     def boundary_names(self) -> tuple[str, ...]:

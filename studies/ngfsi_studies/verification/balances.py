@@ -15,7 +15,7 @@ from ngfsi.config.functions import FlowConstant, PressureRamp
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.energy import Energy
-from ngfsi.measure.probe import Probe
+from ngfsi.measure.probe import VesselProbe
 from ngfsi.physics.fields import MOTION
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.initial import initial_state
@@ -92,7 +92,7 @@ def compute(setting: Setting) -> Values:
     found = system(geometry, SOLID, SOLID, 1333.22, 0.0, **loads)
     newton = Newton(found, choose_backend("auto"))
     initial_state(found, newton)
-    energy, probe = Energy(found), Probe(found)
+    energy, probe = Energy(found), VesselProbe(found, found.domain.vessels[0])
     rows, of_mesh = [_row(0.0, energy, probe)], [0.0]
     moving, loop = MovingMesh(found), TimeLoop(found.case, found, newton)
     for step in loop.run():
@@ -115,7 +115,7 @@ def compute(setting: Setting) -> Values:
     }
 
 
-def _row(time: float, energy: Energy, probe: Probe) -> list[float]:
+def _row(time: float, energy: Energy, probe: VesselProbe) -> list[float]:
     probe.refresh()
     powers = energy.powers()
     skin = powers.pop("on the skin")
