@@ -84,7 +84,7 @@ class Worker:
         self._known: dict[str, Vector] = {}
 
     def work(self) -> None:
-        """Do what rank 0 orders until it is done."""
+        """Serve the calls of rank 0 until it is done."""
         with ng.TaskManager():
             self._ranks.serve(
                 {"system": self.system, "newton": self.newton, "residual": self.residual, "renew": self.renew,
