@@ -524,7 +524,7 @@ def _why(runs: Runs, claims: Mapping[str, Any]) -> str:
             f"{100 * (narrowing(losses[law] / 100) - 1):.0f} %, not by {rises[law]:g} %; the rest must be blood that "
             f"the vein expels itself and profiles that had no time to develop. With {flow:.3g} ml/s these add "
             f"{parts['squeeze flow']:.0f} and {parts['profile']:.0f} % to the {parts['narrowing']:.0f} % of narrowing; "
-            "their fraction grows as the flow falls (study flow_rate)."
+            "their part grows as the flow falls (study flow_rate)."
         )
     return " ".join(said)
 
