@@ -22,7 +22,7 @@ types: $(VENV)/ready
 	$(BIN)/mypy
 
 pytest: $(VENV)/ready
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist worksteal
 
 soak: $(VENV)/ready
 	$(BIN)/python -m tests.soak docs/soak.md
