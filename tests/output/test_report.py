@@ -115,11 +115,11 @@ def test_figures(stored: StoredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(report_module, "_tube_charts", lambda _: [])
     monkeypatch.setattr(report_module, "_in_one_dimension", lambda _: {}["nothing"])
     files = {path.name: path for path in figures([stored.path], tmp_path / "figures")}
-    assert set(files) == {"area_of_the_lumen.svg", "area_of_the_lumen.png", "vein_in_space__fake.png"}
+    assert set(files) == {"area_of_the_lumen.svg", "area_of_the_lumen.png", "vein_in_3_d__fake.png"}
     drawing = files["area_of_the_lumen.svg"].read_text(encoding="utf-8")
     for text in ("Area of the lumen", "time [s]", "mean area [% of t = 0]"):
         assert f">{text}</text>" in drawing
-    picture = np.asarray(PIL.Image.open(files["vein_in_space__fake.png"]).convert("RGB"))
+    picture = np.asarray(PIL.Image.open(files["vein_in_3_d__fake.png"]).convert("RGB"))
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
 
 
