@@ -206,7 +206,7 @@ def bench(
 ) -> None:
     """Measure time, memory and counts of whole runs.
 
-    Prints medians and a variant's ratios to the case as it is, with their spread; writes every run as JSON, and a
+    Prints medians and a variant's ratios to the baseline, with their spread; writes every run as JSON, and a
     figure of the seconds by kind of work.
 
     Example: ngfsi bench calf-demo --against textbook-same-size --pairs 2 --steps 5

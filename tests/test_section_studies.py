@@ -164,7 +164,7 @@ def test_cycles_are_compared_at_equal_times_within_them() -> None:
 def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One coarse subject: in plane strain the calf loses a little less than a disc without bones and vein."""
     monkeypatch.setitem(plane_sections.LEVELS, "demo", Level(3, 1.8, (1,)))
-    monkeypatch.setattr(plane_sections, "SHARES", {"small": (1.0,), "finite": (0.2,)})
+    monkeypatch.setattr(plane_sections, "LOAD_FACTORS", {"small": (1.0,), "finite": (0.2,)})
     text = plane_sections.study("demo", tmp_path, quiet=True).read_text(encoding="utf-8")
     with (tmp_path / "results.csv").open() as file:
         rows = {(row["model"], row["strain"]): row for row in csv.DictReader(file)}

@@ -104,7 +104,7 @@ class CalfSegment(VeinSegment):
         return taper if oval is None else taper + oval
 
     def _weight(self, x: Any, y: Any, clip: Callable[[Any], Any], root: Callable[[Any], Any]) -> Any:
-        """Return the share of the taper at (x, y), numbers, arrays or coefficient functions: twice differentiable."""
+        """Return the weight of the taper at (x, y), numbers, arrays or coefficient functions: twice differentiable."""
         weight: Any = 1.0
         for body in (*self.outer_walls, *self.bones):
             room = self.skin_radius - hypot(body.x, body.y) - body.radius

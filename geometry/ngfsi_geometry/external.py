@@ -42,8 +42,8 @@ COMMON: dict[tuple[str, ...], str] = {
 }
 """Regions on both sides of a face -> its name, if it is in no group."""
 FLAT = 0.015
-"""Nodes of an opening may be off its plane by this share of its radius: normals then differ by parts in a hundred, the
-flow through it by parts in ten thousand."""
+"""Nodes of an opening may be off its plane by this fraction of its radius: normals then differ by parts in a hundred,
+the flow through it by parts in ten thousand."""
 GMSH = "gmsh:physical"
 
 

@@ -58,7 +58,7 @@ EVEN = 0.01
 
 
 def phantom(outlines: Mapping[str, Outline], frame: Outline, pixel: float = PIXEL) -> Any:
-    """Return a SimpleITK image (mm) of outlines by name: pixels take the share of each that they cover.
+    """Return a SimpleITK image (mm) of outlines by name: pixels take the fraction of each that they cover.
 
     Args:
         outlines: skin, and any of tibia, fibula, lumen.
@@ -67,8 +67,8 @@ def phantom(outlines: Mapping[str, Outline], frame: Outline, pixel: float = PIXE
     """
     import SimpleITK as sitk  # noqa: N813 - its usual name
 
-    corner, shares = _shares(outlines, frame, pixel)
-    image = sitk.GetImageFromArray(_grey(shares))
+    corner, fractions = _fractions(outlines, frame, pixel)
+    image = sitk.GetImageFromArray(_grey(fractions))
     image.SetSpacing([from_si(pixel, "mm")] * 2)
     image.SetOrigin([from_si(float(c), "mm") for c in corner])
     return image
@@ -87,13 +87,13 @@ def phantom_stack(
     """
     import SimpleITK as sitk  # noqa: N813 - its usual name
 
-    sections = [_shares(outlines, frame, pixel) for outlines in slices]
+    sections = [_fractions(outlines, frame, pixel) for outlines in slices]
     (x, y), (rows, columns) = sections[0][0], next(iter(sections[0][1].values())).shape
     numbers = np.zeros((len(sections), rows, columns), dtype=np.uint8)
-    for layer, (_, shares) in zip(numbers, sections, strict=True):
-        for name in sorted(shares, key=list(LABELS).index):
-            layer[shares[name] > 0.5] = LABELS[name]
-    grey = np.stack([_grey(shares) for _, shares in sections]).astype(np.float32)
+    for layer, (_, fractions) in zip(numbers, sections, strict=True):
+        for name in sorted(fractions, key=list(LABELS).index):
+            layer[fractions[name] > 0.5] = LABELS[name]
+    grey = np.stack([_grey(fractions) for _, fractions in sections]).astype(np.float32)
     images = sitk.GetImageFromArray(numbers), sitk.GetImageFromArray(grey)
     for image in images:
         # SimpleITK's patient axes run left, posterior, up
@@ -103,8 +103,8 @@ def phantom_stack(
     return images
 
 
-def _shares(outlines: Mapping[str, Outline], frame: Outline, pixel: float) -> tuple[Array, dict[str, Array]]:
-    """Return the centre (2,) [m] of the first pixel, and for each outline the share of each pixel inside of it."""
+def _fractions(outlines: Mapping[str, Outline], frame: Outline, pixel: float) -> tuple[Array, dict[str, Array]]:
+    """Return the centre (2,) [m] of the first pixel, and for each outline the fraction of each pixel inside of it."""
     low, high = frame.points.min(axis=0) - MARGIN, frame.points.max(axis=0) + MARGIN
     size = np.ceil((high - low) / pixel).astype(int)
     fine = pixel / SUB
@@ -115,9 +115,9 @@ def _shares(outlines: Mapping[str, Outline], frame: Outline, pixel: float) -> tu
     return low + pixel / 2, {name: mask.mean(axis=(1, 3)) for name, mask in inside.items()}
 
 
-def _grey(shares: Mapping[str, Array]) -> Array:
+def _grey(fractions: Mapping[str, Array]) -> Array:
     """Return grey values: all veins are as bright, what has no value of its own is as what is around it."""
-    return np.asarray(sum(GREY.get(_kind(name), 0.0) * share for name, share in shares.items()))
+    return np.asarray(sum(GREY.get(_kind(name), 0.0) * fraction for name, fraction in fractions.items()))
 
 
 def _kind(name: str) -> str:
@@ -364,7 +364,7 @@ class LabelMap:
 
         target = float(mask.sum()) * self._pixel_area
         top = float(grey.max())
-        level = brentq(lambda share: polygon_area(longest(share * top)) - target, 0.1, 0.9, xtol=1e-6)
+        level = brentq(lambda fraction: polygon_area(longest(fraction * top)) - target, 0.1, 0.9, xtol=1e-6)
         ring = longest(level * top)[:-1]
         arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(np.vstack([ring, ring[:1]]), axis=0).T))]
         count = int(np.clip(arc[-1] / max(dx, dy), FEWEST_POINTS, MOST_POINTS))

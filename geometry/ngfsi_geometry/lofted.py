@@ -131,7 +131,7 @@ class LoftedVein(ConfigModel):
             (start - extent * (1 - s), smooth_step(min(max(3 * s - 1, 0.0), 1.0))) for s in np.linspace(0, 1, 25)[:-1]
         ]
         z = np.array([place for place, _ in before] + list(self.heights))
-        return Loft(z, [(1 - share) * circle + share * stack[0] for _, share in before] + stack)
+        return Loft(z, [(1 - fraction) * circle + fraction * stack[0] for _, fraction in before] + stack)
 
     def areas(self, z: Array) -> Array:
         """Return the areas (n,) [m2] of the sections at z [m]."""

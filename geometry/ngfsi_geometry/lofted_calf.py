@@ -1,6 +1,6 @@
 """A segment of the calf through stacks of outlines: skin, bones and one deep vein as images show them.
 
-The mesh is that of a straight segment of circles (geometry/calf.py), whose surfaces are moved onto lofts of the
+The mesh is that of a straight segment of circles (calf.py), whose surfaces are moved onto lofts of the
 outlines; what is between follows by Laplace's equation, conforming and of the mesh's curving order. Ends are flat.
 Axes: x lateral, y anterior, z proximal; the origin lies in the middle of the skin, at the height of the first outline.
 """
@@ -136,12 +136,12 @@ class CalfLoft(ConfigModel):
             area, middle = _middle(loft)
             circles[name] = Circle(name, middle.real, middle.imag, float(np.sqrt(area / pi)))
         skin, lumen = circles.pop("skin"), circles.pop("interface")
-        share = _share(list(circles.values()), skin)
-        inner = {name: replace(circle, radius=share * circle.radius) for name, circle in circles.items()}
+        fraction = _fraction(list(circles.values()), skin)
+        inner = {name: replace(circle, radius=fraction * circle.radius) for name, circle in circles.items()}
         tibia, fibula, outer = (inner[name] for name in ("tibia", "fibula", "wall_outer"))
         return CalfSegment(
-            length=self.length, lumen_diameter=2 * share * lumen.radius, mesh=self.mesh,
-            wall_thickness=outer.radius - share * lumen.radius, vein_x=outer.x, vein_y=outer.y,
+            length=self.length, lumen_diameter=2 * fraction * lumen.radius, mesh=self.mesh,
+            wall_thickness=outer.radius - fraction * lumen.radius, vein_x=outer.x, vein_y=outer.y,
             skin_radius_distal=skin.radius, skin_radius_proximal=skin.radius,
             tibia_x=tibia.x, tibia_y=tibia.y, tibia_diameter=2 * tibia.radius,
             fibula_x=fibula.x, fibula_y=fibula.y, fibula_diameter=2 * fibula.radius,
@@ -251,8 +251,8 @@ def _middle(loft: Loft) -> tuple[float, complex]:
     return loft.volume() / (loft.end - loft.start), complex(np.mean(rows[:, loft.modes]))
 
 
-def _share(inner: list[Circle], skin: Circle) -> float:
+def _fraction(inner: list[Circle], skin: Circle) -> float:
     """Return the factor on the radii of circles, at most 1, with which they leave the gap between them."""
-    shares = [(hypot(a.x - b.x, a.y - b.y) - GAP) / (a.radius + b.radius) for a, b in combinations(inner, 2)]
-    shares += [(skin.radius - hypot(a.x - skin.x, a.y - skin.y) - GAP) / a.radius for a in inner]
-    return min(1.0, *shares)
+    fractions = [(hypot(a.x - b.x, a.y - b.y) - GAP) / (a.radius + b.radius) for a, b in combinations(inner, 2)]
+    fractions += [(skin.radius - hypot(a.x - skin.x, a.y - skin.y) - GAP) / a.radius for a in inner]
+    return min(1.0, *fractions)

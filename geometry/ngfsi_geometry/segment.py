@@ -249,13 +249,13 @@ class VeinSegment(ConfigModel):
         from ngsolve import CF, IfPos, sqrt, x, y
 
         along, across = self._in_ellipse(x, y)
-        share = self.oval / self.lumen_radius
+        fraction = self.oval / self.lumen_radius
         if self.wall_outer.radius < self.skin_radius:
             outside = (sqrt(along * along + across * across) - self.wall_outer.radius) / self._room()
             t = IfPos(outside, IfPos(1 - outside, 1 - outside, 0), 1)
-            share = share * smooth_step(t)
+            fraction = fraction * smooth_step(t)
         c, s = cos(self.oval_direction), sin(self.oval_direction)
-        return share * CF((c * along + s * across, s * along - c * across, 0))
+        return fraction * CF((c * along + s * across, s * along - c * across, 0))
 
     def _in_ellipse(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Return the coordinates along and across the longer axis of an oval vein, from its centre."""

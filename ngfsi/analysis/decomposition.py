@@ -31,8 +31,8 @@ START = "at t = 0"
 
 
 def narrowing(loss: float) -> float:
-    """Return the ratio of SAWSS in a round vein that has lost a share of its volume to that before, at a constant flow:
-    4 mu Q / (pi R^3) with R^2 (1 - loss)."""
+    """Return the ratio of SAWSS in a round vein that has lost a fraction of its volume to that before, at a constant
+    flow: 4 mu Q / (pi R^3) with R^2 (1 - loss)."""
     return float((1 - loss) ** -1.5)
 
 

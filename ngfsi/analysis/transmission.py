@@ -15,7 +15,7 @@ from ngfsi.store.stored import StoredRun
 Array = NDArray[np.float64]
 
 SAME_NODE = 1e-4
-"""Nodes of tissue and wall this close, as a share of the lumen's radius, are one node of the face between them; they
+"""Nodes of tissue and wall this close, as a fraction of the lumen's radius, are one node of the face between them; they
 are stored with single precision."""
 ANGLES = 24
 PRESSURE = "hydrostatic_pressure_Pa"

@@ -33,7 +33,7 @@ OverTime = Callable[[float], float]
 CELLS = 30
 """Of a vein that is compared with a run. With twice as many the calf's flow differs by 0.1 %, SAWSS by 0.9 % (rms)."""
 TOLERANCE, SLOW = 1e-7, 1e-2
-"""Of the time integration, relative; below this share of the wave speed velocities are held against that."""
+"""Of the time integration, relative; below this fraction of the wave speed velocities are held against that."""
 _ZEROS = jn_zeros(2, 12) ** 2
 _LACKING = 1 / 12 - np.sum(1 / _ZEROS), 1 / 576 - np.sum(1 / _ZEROS**2)
 RATES = np.append(_ZEROS, _LACKING[0] / _LACKING[1])[:, None]

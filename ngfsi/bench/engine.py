@@ -125,7 +125,7 @@ def _results(run: StoredRun) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Samples of a case as it is and of a variant, taken by turns.
+    """Samples of a case, the baseline, and of a variant, taken by turns.
 
     Attributes:
         steps: number that was run, of `planned`.

@@ -1,6 +1,6 @@
 """Case: everything a run depends on, as numbers and strings; read from and written to TOML.
 
-Units stand in the keys (see section.py); `Case.from_toml` explains in one sentence what is wrong with a file.
+Units stand in the keys (see config/model.py); `Case.from_toml` explains in one sentence what is wrong with a file.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class Loads(ConfigModel):
     skin_pressure: PressureCurve = PressureConstant(value=0.0)
     """Everywhere on the skin."""
     cuffs: tuple[Cuff, ...] = ()
-    """Pressures on parts of the skin, added to `skin_pressure`; together any function of height, angle and time."""
+    """Pressures on parts of the skin, added to `skin_pressure`; together any function of z, angle and time."""
     inlet_flow: FlowCurve = FlowConstant(value=2.913e-6)
     """Flux of blood relative to the moving inlet; default: 1.12 times the flow of the study's subject 7."""
     inlet_pressure: PressureCurve | None = None
@@ -192,7 +192,7 @@ class Discretisation(ConfigModel):
 
 
 SAME_TIME = 1e-9
-"""Times closer than this share of the nominal step are one."""
+"""Times closer than this fraction of the nominal step are one."""
 
 
 MOST_STEPS = 1_000_000

@@ -33,7 +33,7 @@ class Cuff(ConfigModel):
 
     pressure: PressureCurve
     start: Length
-    """Height z where it begins, and `end`: where it ends, on the reference shape."""
+    """z where it begins, and `end`: where it ends, on the reference shape."""
     end: Length
     direction: Angle = 0.0
     """Of its middle, around the axis of the segment from x (lateral) to y (anterior)."""

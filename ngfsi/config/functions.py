@@ -51,14 +51,14 @@ class Rise(ConfigModel, Generic[Q]):
 
     def __call__(self, t: float) -> float:
         """Return the value at time t (s), in SI."""
-        done = self._share(min(max((t - self.start) / self.duration, 0.0), 1.0))
+        done = self._fraction(min(max((t - self.start) / self.duration, 0.0), 1.0))
         # exact at both ends, which initial + done * (final - initial) is not
         return (1.0 - done) * self.initial + done * self.final
 
     @staticmethod
     @abstractmethod
-    def _share(elapsed: float) -> float:
-        """Return the share of the rise after a share of the duration."""
+    def _fraction(elapsed: float) -> float:
+        """Return the fraction of the rise after a fraction of the duration."""
 
 
 class Ramp(Rise[Q]):
@@ -67,7 +67,7 @@ class Ramp(Rise[Q]):
     kind: Literal["ramp"] = "ramp"
 
     @staticmethod
-    def _share(elapsed: float) -> float:
+    def _fraction(elapsed: float) -> float:
         return elapsed
 
     @property
@@ -77,12 +77,12 @@ class Ramp(Rise[Q]):
 
 
 class SmoothRamp(Rise[Q]):
-    """Rise without a kink, by (1 - cos(pi s))/2 of the difference after a share s of the duration."""
+    """Rise without a kink, by (1 - cos(pi s))/2 of the difference after a fraction s of the duration."""
 
     kind: Literal["smooth_ramp"] = "smooth_ramp"
 
     @staticmethod
-    def _share(elapsed: float) -> float:
+    def _fraction(elapsed: float) -> float:
         return (1.0 - cos(pi * elapsed)) / 2
 
     @property

@@ -89,7 +89,7 @@ def _sentence(error: ErrorDetails, place: Place, prefix: str) -> str:
         path = ".".join(filter(None, (prefix, place.path, context["key"])))
         return f"'{path}' {context['text']}"
     path = ".".join(filter(None, (prefix, place.path)))
-    if error["type"] == "missing":  # of fields ConfigModel complains itself: this is an entry of a list
+    if error["type"] == "missing":  # ConfigModel itself reports missing fields: this is an entry of a list
         return f"{path} is missing: the list is too short"
     if error["type"] == "value_error":
         return f"{path}: {context['error']}" if path else str(context["error"])

@@ -29,7 +29,7 @@ Measure = Callable[[PlaneSectionProbe], float]
 
 
 def area_loss(boundary: str, area: float) -> Measure:
-    """Return the measure of the share that a closed boundary loses of its area (m2) at rest."""
+    """Return the measure of the fraction that a closed boundary loses of its area (m2) at rest."""
     return lambda probe: 1 - probe.enclosed_area(boundary) / area
 
 

@@ -16,11 +16,11 @@ from ngfsi.errors import CaseError
 Array = NDArray[np.float64]
 
 SMOOTHING = 0.08
-"""Width of the filter with which the beginnings of cycles are looked for, as a share of the period."""
+"""Width of the filter with which the beginnings of cycles are looked for, as a fraction of the period."""
 LEAST_CORRELATION = 0.2
 NEAR_HIGHEST = 0.7
 CLOSEST = 0.6
-"""Beginnings of cycles are at least this share of the period apart."""
+"""Beginnings of cycles are at least this fraction of the period apart."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ class Factorisation:
             watch: takes the seconds of assembly, factorisation and solves.
             levels: returns those of p-multigrid, for a solver that iterates.
             scale: returns that of each unknown, in whose measure such a solver judges its error; default: 1.
-            ranks: ranks of which each has a share of the form, and which all call `renew` and `solve`.
+            ranks: ranks of which each has a partition of the form, and which all call `renew` and `solve`.
         """
         self.form = form
         self.backend = backend

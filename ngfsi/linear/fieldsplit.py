@@ -69,7 +69,7 @@ class FieldSplit:
         self._factorise(scale)
 
     def _mine(self) -> Any:
-        """Return this rank's share of the matrix on the unknowns to solve for."""
+        """Return this rank's partition of the matrix on the unknowns to solve for."""
         return csr(self._matrix)[self._free][:, self._free]
 
     def _build(self, groups: list[Numbers], patches: list[Numbers]) -> None:

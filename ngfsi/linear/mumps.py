@@ -16,7 +16,7 @@ from ngfsi.linear.petsc import Summed
 from ngfsi.parallel.ranks import SERIAL, all_ranks
 
 MEMORY, WORKSPACE_SHARE = 14, 40
-"""MUMPS's number of the parameter, and the share (%) of workspace that pivoting may take beyond the estimate."""
+"""MUMPS's number of the parameter, and the fraction (%) of workspace that pivoting may take beyond the estimate."""
 ERROR, DETAIL = 1, 2
 """MUMPS's numbers of the results that say how it went."""
 SINGULAR = -10

@@ -71,7 +71,7 @@ class Deformation:
         return ""
 
     def approaching(self) -> list[str]:
-        """Return a warning for each region that came close to inversion, or lost its stability, since the last call."""
+        """Return warnings of regions that came close to inversion, or lost strong ellipticity, since the last call."""
         warnings = {
             f"inversion of {name}": f"elements of '{name}' near {place} are close to inversion, det F {J:.3g}"
             for name in self._points
@@ -90,7 +90,7 @@ class Deformation:
         return new
 
     def unstable(self, region: str) -> str:
-        """Say where the material of a solid has lost its stability, or nothing."""
+        """Say where the material of a solid has lost strong ellipticity, or nothing."""
         if region not in self._resistance:
             return ""
         smallest, place = self.min_ellipticity(region)

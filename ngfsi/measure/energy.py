@@ -3,9 +3,9 @@
 d/dt (stored + kinetic) = sum of the powers of all conditions - dissipation - kinetic energy carried out through the
 openings. The power of a condition is that of its own terms of the weak form, tested with the velocity; where it
 prescribes unknowns, that of the force which the balance of momentum lacks there. The solution of the coupled system
-obeys the balance up to two errors: that of div u = 0, which holds only against the functions of the pressure and lets
-convection make the power `excess`; and that of the time scheme, which takes `rate` for the rate of the energy. At each
-instant rate = powers - carried - dissipation + excess, to quadrature.
+satisfies the balance up to two errors: that of div u = 0, which holds only against the functions of the pressure and
+lets convection make the power `excess`; and that of the time scheme, which takes `rate` for the rate of the energy. At
+each instant rate = powers - carried - dissipation + excess, to quadrature.
 """
 
 from __future__ import annotations

@@ -21,9 +21,9 @@ Numbers = NDArray[np.int64]
 STATIONS = 11
 RING_POINTS = 96
 IN_PLANE = 1e-3
-"""Largest distance of an outline from its plane, as a share of the lumen's radius, that is none."""
+"""Largest distance of an outline from its plane, as a fraction of the lumen's radius, that is none."""
 INWARDS = 1e-10
-"""Share of the length by which planes stand nearer to its middle: not in the faces of elements."""
+"""Fraction of the length by which planes stand nearer to its middle: not in the faces of elements."""
 
 
 class Sections:

@@ -48,7 +48,7 @@ class Stage:
         eigenvalue: smallest one, 1/s2; negative: the shape is unstable.
         critical: pressure on the skin at which the tangent becomes singular, on the chord from the stage before, Pa;
             infinite: nothing softens; NaN: no stable stage is before this one, or the pressure is the same.
-        wall_share: share of the wall in the mode's kinetic energy.
+        wall_share: fraction of the wall in the mode's kinetic energy.
     """
 
     pressure: float
@@ -138,8 +138,8 @@ class Stability:
             raise SolverError(f"the eigenvalues of the tangent were not found: {error}") from None
         self._before = Before(self._system.snapshot(), entries, pressure, eigenvalue)
         self.mode.vec.FV().NumPy()[self._free] = mode / mode[np.argmax(np.abs(mode))]
-        share = float(mode @ (masses["wall"] @ mode)) / float(mode @ (mass @ mode)) if "wall" in masses else 0.0
-        return Stage(pressure, eigenvalue, critical, share)
+        fraction = float(mode @ (masses["wall"] @ mode)) / float(mode @ (mass @ mode)) if "wall" in masses else 0.0
+        return Stage(pressure, eigenvalue, critical, fraction)
 
     def _collapse(self, now: Any, pressure: float, solve: LinearOperator | None) -> tuple[float, Array] | None:
         """Return the critical pressure on the chord from the stage before, and its mode; None: nothing softens.

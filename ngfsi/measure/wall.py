@@ -60,7 +60,7 @@ class ShearStatistics:
     Attributes:
         mean: Pa
         smallest, largest: at quadrature points, Pa.
-        low: share of the area with less than the threshold.
+        low: fraction of the area with less than the threshold.
     """
 
     mean: float
@@ -130,7 +130,7 @@ class Wall:
         self._projection.solve(self._shear.vec.FV().NumPy(), self.field)
 
     def statistics(self, threshold: float = 0.0, method: Method = METHOD) -> ShearStatistics:
-        """Return mean and extremes of the wall shear stress's magnitude, and the share of the area below `threshold`
+        """Return mean and extremes of the wall shear stress's magnitude, and the fraction of the area below `threshold`
         (Pa)."""
         mesh, magnitude = self.system.domain.mesh, ng.Norm(self.shears[method])
         area, mean, low = (

@@ -58,7 +58,7 @@ class Centreline:
 
         given = np.asarray(points, dtype=float)
         at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(given, axis=0), axis=1))])
-        nodes = np.concatenate([(np.arange(PIECES) + share) / PIECES for share in (0.5 - 12**-0.5, 0.5 + 12**-0.5)])
+        nodes = np.concatenate([(np.arange(PIECES) + at) / PIECES for at in (0.5 - 12**-0.5, 0.5 + 12**-0.5)])
         self._curve: Any = None
         for _ in range(REFITS if len(given) > 2 else 0):
             self._curve = CubicSpline(at, given)

@@ -192,9 +192,9 @@ class Outline(ConfigModel):
         ring = self._spline(self._arc[0])
         (ax, ay), (bx, by) = (part.T[:, :, None] for part in (ring[:-1], ring[1:]))
         side, row = np.nonzero((ay > y) != (by > y))
-        share = (y[row] - ay[side, 0]) / (by[side, 0] - ay[side, 0])
+        fraction = (y[row] - ay[side, 0]) / (by[side, 0] - ay[side, 0])
         crossings = np.zeros((len(y), len(x) + 1), dtype=np.int64)
-        np.add.at(crossings, (row, np.searchsorted(x, ax[side, 0] + share * (bx - ax)[side, 0])), 1)
+        np.add.at(crossings, (row, np.searchsorted(x, ax[side, 0] + fraction * (bx - ax)[side, 0])), 1)
         return np.asarray(np.cumsum(crossings[:, :-1], axis=1) % 2 == 1)
 
     def distance_to(self, other: Outline) -> float:

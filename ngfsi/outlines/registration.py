@@ -25,7 +25,7 @@ def register_outlines(
     """Return the displacement of the skin by arc length between landmarks.
 
     Landmarks that do not slide on the skin (where superficial veins touch it, say) are projected to the nearest points
-    of their closed cubic splines; what lies between two of them keeps its share of the arc length between them.
+    of their closed cubic splines; what lies between two of them keeps its fraction of the arc length between them.
 
     Args:
         landmarks, landmarks_after: pairs (n, 2) [m], at least one.

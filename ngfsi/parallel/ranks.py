@@ -1,6 +1,6 @@
-"""The processes (ranks) of one run under mpirun, of which rank 0 leads and the others do what it orders.
+"""The processes (ranks) of one run under mpirun, of which rank 0 leads and the others are its workers.
 
-Only rank 0 runs the program: it alone reads, decides, measures and writes. The others wait for its orders (`serve`), of
+Only rank 0 runs the program: it alone reads, decides, measures and writes. The others wait for its calls (`serve`), of
 which each is a piece of work that all ranks do together. So no rank can come to another decision than the others, and
 without mpirun the same code runs without workers.
 """
@@ -44,7 +44,7 @@ class Ranks:
     Attributes:
         rank: number of this process; 0 leads.
         size: number of processes.
-        workers_ready: whether the other ranks wait for orders.
+        workers_ready: whether the other ranks wait for calls.
     """
 
     def __init__(self, communicator: Any = None) -> None:
@@ -62,7 +62,7 @@ class Ranks:
         return self.rank == 0
 
     def count(self) -> int:
-        """Return 0, 1, 2 ...: the same for things that are made on the same orders."""
+        """Return 0, 1, 2 ...: the same for things that are made by the same calls."""
         return next(self._count)
 
     @contextmanager
@@ -83,7 +83,7 @@ class Ranks:
         self._under_way = False
 
     def serve(self, handlers: dict[str, Handler]) -> None:
-        """Do what rank 0 orders, until it sends the others home.
+        """Serve the calls of rank 0 until it shuts the workers down.
 
         What fails in a part of the work that ranks do by themselves, rank 0 knows and judges; anything else ends all.
         """
@@ -100,7 +100,7 @@ class Ranks:
                 self._comm.Abort(1)
 
     def shutdown(self) -> None:
-        """Send the other ranks home; if they are in the midst of a piece of work, end all."""
+        """Shut the workers down; if they are in the midst of a piece of work, end all."""
         if self._under_way:
             sys.stderr.flush()
             self._comm.Abort(1)

@@ -20,7 +20,7 @@ class Kinematics:
     """Deformation gradient and what follows from it.
 
     Attributes:
-        gradient: grad m, 3x3 in space and 2x2 in the plane, of the displacement with respect to the reference shape.
+        gradient: grad m, 3x3 in 3-D and 2x2 in the plane, of the displacement with respect to the reference shape.
             On a boundary the surface gradient serves for `cof`, since cof(F) N only depends on tangential derivatives.
     """
 

@@ -48,7 +48,7 @@ def internal_works(
 
 
 def _from_free_of_stress(F: CF, grad_v: CF, relaxation: CF | None, across: tuple[CF, CF]) -> tuple[CF, CF, CF | float]:
-    """Return gradients in space with respect to the shape that is free of stress, and the volume that 1 has become."""
+    """Return gradients in 3-D with respect to the shape that is free of stress, and the volume that 1 has become."""
     if relaxation is None:
         return in_3d(F, across[0]), in_3d(grad_v, across[1]), 1.0
     return in_3d(F * relaxation, across[0]), in_3d(grad_v * relaxation, across[1]), Det(relaxation)
@@ -128,22 +128,22 @@ def follower_pressure(pressure: CF, k: Kinematics, normal: CF, v: CF) -> CF:
 
 
 def part_of_skin(start: float, end: float, edge: float, direction: float = 0.0, half_width: float | None = None) -> CF:
-    """Share of a pressure that acts at a point of the skin: 1 inside of a part, 0 outside, smooth over its edge.
+    """Fraction of a pressure that acts at a point of the skin: 1 inside of a part, 0 outside, smooth over its edge.
 
-    The integral over the height is end - start exactly, and over the arc at radius r it is 2 r half_width.
+    The integral over z is end - start exactly, and over the arc at radius r it is 2 r half_width.
 
     Args:
-        start, end: heights of the part [m].
+        start, end: z of its ends [m].
         edge: width of the smooth edge [m], half of it outside.
         direction, half_width: middle and half of the angle around the axis [rad]; half_width None: all around.
     """
-    share = _smooth_step((z - start) / edge) * _smooth_step((end - z) / edge)
+    fraction = _smooth_step((z - start) / edge) * _smooth_step((end - z) / edge)
     if half_width is None:
-        return share
+        return fraction
     radius = sqrt(x * x + y * y)
     # the arc cosine must not see rounding beyond 1
     cosine = (x * cos(direction) + y * sin(direction)) / radius * (1 - 1e-14)
-    return share * _smooth_step((half_width - acos(cosine)) * radius / edge)
+    return fraction * _smooth_step((half_width - acos(cosine)) * radius / edge)
 
 
 def _smooth_step(s: CF) -> CF:

@@ -112,7 +112,7 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
 
 
 def figures(folders: Sequence[Path], destination: Path) -> list[Path]:
-    """Write each chart of the report of stored runs as SVG and as PNG, those in space as PNG, and return the files.
+    """Write each chart of the report of stored runs as SVG and as PNG, those in 3-D as PNG, and return the files.
 
     Args:
         folders: of the runs.
@@ -245,9 +245,9 @@ def _causes_note(runs: Runs) -> str:
 def _transmission_note(runs: Runs) -> str:
     said = ["Dotted: t = 0. Where a bone shields the vein, less arrives."]
     for title, run in runs.items():
-        share = transmission(run)[run.loaded_row]
-        if np.isfinite(share):
-            said.append(f"{title}: {100 * share:.0f} % of the rise of the skin's mean pressure arrives at the wall.")
+        fraction = transmission(run)[run.loaded_row]
+        if np.isfinite(fraction):
+            said.append(f"{title}: {100 * fraction:.0f} % of the rise of the skin's mean pressure arrives at the wall.")
     return " ".join(said)
 
 
@@ -280,8 +280,8 @@ CHARTS = (
     Chart("Hydrostatic pressure in the calf", "all", charts.cut, _has_solids,
           "-tr(sigma)/3, compression positive, at mid-length at the last time; bones and lumen are left out."),
     Chart("Pressure of the tissue around the vein", "vessel", charts.around, _has_tissue, _transmission_note),
-    Chart("Vein in space", "run", charts.vein, _has_wall_fields, "Drag to turn; wall shear stress."),
-    Chart("Tissue in space", "run", charts.tissue, _has_body, "Lower half of the deformed segment, displacement."),
+    Chart("Vein in 3-D", "run", charts.vein, _has_wall_fields, "Drag to turn; wall shear stress."),
+    Chart("Tissue in 3-D", "run", charts.tissue, _has_body, "Lower half of the deformed segment, displacement."),
     Chart("Flow balance", "vessel",
           _over_time("flow [ml/s]", {"inflow": ("flow_in_m3_s", 1e6), "outflow": ("flow_out_m3_s", 1e6),
                                      "rate of volume": ("lumen_volume_rate_m3_s", 1e6)}, ("inflow",)),
@@ -390,7 +390,7 @@ def _headline(runs: Runs) -> Section:
         note += (
             " Volume and SAWSS (wall shear stress, mean over the deformed wall) are held against the state at t = 0. "
             "SAWSS from the gradient of the velocity and from the balance of momentum would be equal on an infinitely "
-            "fine mesh: their difference is of the size of the error in space."
+            "fine mesh: their difference is of the size of the spatial error."
         )
     return "Result", [Table(["run", *heads], rows), note]
 
@@ -524,7 +524,7 @@ def _why(runs: Runs, claims: Mapping[str, Any]) -> str:
             f"{100 * (narrowing(losses[law] / 100) - 1):.0f} %, not by {rises[law]:g} %; the rest must be blood that "
             f"the vein expels itself and profiles that had no time to develop. With {flow:.3g} ml/s these add "
             f"{parts['squeeze flow']:.0f} and {parts['profile']:.0f} % to the {parts['narrowing']:.0f} % of narrowing; "
-            "their share grows as the flow falls (study flow_rate)."
+            "their part grows as the flow falls (study flow_rate)."
         )
     return " ".join(said)
 

@@ -17,8 +17,8 @@ SHEAR = "wall_shear_magnitude_Pa"
 AROUND, ALONG = 121, 61
 """Points of an unrolled wall."""
 OFF_FACES = 0.01
-"""Share of the length by which a cut lies off mid-length, where the faces between elements are: VTK finds a point of a
-face in either of its elements or in none."""
+"""Fraction of the length by which a cut lies off mid-length, where the faces between elements are: VTK finds a point of
+a face in either of its elements or in none."""
 FROM_THE_SIDE, FROM_ABOVE, FROM_BEHIND = (0.2, 1.1, 0.2), (0.9, -2.1, 2.0), (0.4, -0.7, 0.6)
 """Ways to look, as components along the axes of a `Frame`."""
 

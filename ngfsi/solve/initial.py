@@ -76,44 +76,44 @@ def steady_flow(system: System, backend: Name) -> Newton:
 
 
 def in_load_steps(system: System, newton: Newton) -> None:
-    """Creeping flow under growing shares of the loads of t = 0; inertia is left out, so the flow is linear.
+    """Creeping flow under growing fractions of the loads of t = 0; inertia is left out, so the flow is linear.
 
     Raises:
-        SolverError: says which share was reached, whose state is left.
+        SolverError: says which fraction of the loads was reached, whose state is left.
 
     A pressure residual that is small against the load but large against viscous stresses would otherwise drive the
     flow of a Newton iterate to absurd Reynolds numbers.
     """
     density = system.blood_density.Get()
     system.blood_density.Set(0.0)
-    share, step = 0.0, 1.0
-    while share < 1.0:
-        trial = min(1.0, share + step)
-        _set_share(system, trial)
+    load_factor, step = 0.0, 1.0
+    while load_factor < 1.0:
+        trial = min(1.0, load_factor + step)
+        _set_loads(system, trial)
         try:
             newton.solve(max(START_TOLERANCE, system.case.solver.tolerance), NEWTON_STEPS)
         except SolverError as error:
             step /= 2
             if step < FINEST_LOAD_STEP:
                 raise SolverError(
-                    f"the initial state was found only up to {share:.0%} of the loads at t = 0: {error}"
+                    f"the initial state was found only up to {load_factor:.0%} of the loads at t = 0: {error}"
                 ) from None
         else:
-            share = trial
+            load_factor = trial
     system.blood_density.Set(density)
 
 
-def _set_share(system: System, share: float) -> None:
-    system.update(0.0, share)
+def _set_loads(system: System, load_factor: float) -> None:
+    system.update(0.0, load_factor)
     system.prescribe()
 
 
 def _with_inertia(system: System, newton: Newton) -> None:
-    """Steady flow with inertia, in growing shares of the density if it cannot be had at once."""
+    """Steady flow with inertia, in growing fractions of the density if it cannot be had at once."""
     density = system.blood_density.Get()
-    share, step = 0.0, 1.0
-    while share < 1.0:
-        trial = min(1.0, share + step)
+    fraction, step = 0.0, 1.0
+    while fraction < 1.0:
+        trial = min(1.0, fraction + step)
         system.blood_density.Set(trial * density)
         try:
             newton.solve(system.case.solver.tolerance, NEWTON_STEPS)
@@ -122,7 +122,7 @@ def _with_inertia(system: System, newton: Newton) -> None:
             if step < FINEST_LOAD_STEP:
                 raise SolverError(f"no steady flow was found at t = 0: {error}") from None
         else:
-            share = trial
+            fraction = trial
 
 
 def _relax(system: System, backend: Name) -> int:

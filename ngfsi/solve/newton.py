@@ -31,15 +31,21 @@ from ngfsi.system.system import System, Vector
 from ngfsi.system.unknowns import NAMES
 
 SLOW = 12
+"""Iterations of a step beyond which the next one begins with new factors."""
 PATIENCE = 4
+"""Iterations in which the change must fall to a third."""
 GROWTH = 20.0
+"""Of the change over the first one of a solve, from which it counts as diverging."""
 WEIGHT_DRIFT = 1.2
+"""Ratio of the time scheme's weights of the new state, now and in the factors, that calls for new factors."""
 DEPTH = 20
+"""Number of differences that Anderson mixing keeps."""
 SAME_EQUATIONS = 1e-6
 """Relative difference of the parameters of steps that are as long but for rounding."""
 DEPENDENT = 1e-12
-"""Differences that depend on each other up to the root of this share add nothing."""
+"""Differences that depend on each other up to the root of this fraction add nothing."""
 FACTORED_KEPT = 2
+"""Number of last states of factorisation that are kept."""
 
 
 def part_of(arrays: Mapping[str, Vector], name: str) -> dict[str, Vector]:

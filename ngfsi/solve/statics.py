@@ -45,7 +45,7 @@ def equilibrium(case: Case, domain: Domain | None = None, start: System | None =
 
     Raises:
         CaseError: the geometry has a fluid.
-        SolverError: no equilibrium was found; says up to which share of the loads.
+        SolverError: no equilibrium was found; says up to which fraction of the loads.
     """
     if any(vessel.lumen for vessel in case.geometry.vessels):
         raise CaseError(f"a {type(case.geometry).__name__} has a fluid: compute it with `ngfsi run`")

@@ -13,7 +13,7 @@ from ngfsi.case.case import SAME_TIME, Case
 from ngfsi.errors import SolverError
 from ngfsi.solve.initial import Say, silent
 from ngfsi.solve.newton import Newton, Solution, part_of
-from ngfsi.system.schemes import share_of_error, weights
+from ngfsi.system.schemes import fraction_of_error, weights
 from ngfsi.system.system import System, Vector
 
 GROWS_BELOW = 10.0
@@ -222,8 +222,8 @@ class TimeLoop:
         if self.history.smooth < 2:
             estimate = size / 2 * np.abs(self.system.rates() - self.history.rates[0])
         else:
-            share = share_of_error(size, times[0] - times[1], times[1] - times[2])
-            estimate = share * np.abs(self.system.values - predicted)
+            fraction = fraction_of_error(size, times[0] - times[1], times[1] - times[2])
+            estimate = fraction * np.abs(self.system.values - predicted)
         blocks, scales = self.system.unknowns.blocks, self.system.block_scales()
         both = [name for name in ("d", "w") if name in scales]
         return max(float(np.max(estimate[blocks[name]], initial=0.0)) / scales[name] for name in both)

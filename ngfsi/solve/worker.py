@@ -1,4 +1,4 @@
-"""What ranks other than 0 do in a run: their share of elements in residuals, linearisations and factors.
+"""What ranks other than 0 do in a run: their partition of elements in residuals, linearisations and factors.
 
 Every rank has the whole mesh and whole vectors of unknowns, but integrals, matrices and factors only in part; rank 0
 also has the integrals on boundaries. So a state is known everywhere, and only sums are exchanged.
@@ -28,10 +28,10 @@ from ngfsi.system.system import System, Vector
 
 
 def shared_system(case: Case, domain: Domain, watch: Stopwatch, ranks: Ranks) -> System:
-    """Return the system of a case of which each rank has a share; the others make theirs.
+    """Return the system of a case of which each rank has a partition; the others make theirs.
 
     Raises:
-        CaseError: nobody waits for orders on the other ranks.
+        CaseError: the other ranks are not workers.
         SolverError: a rank failed.
     """
     if ranks.size == 1:
@@ -75,7 +75,7 @@ def _mine(owners: NDArray[np.int64], ranks: Ranks) -> ng.BitArray:
 
 
 class Worker:
-    """A rank other than 0: owns its share of a system and the solvers that rank 0 has made of it."""
+    """A rank other than 0: owns its partition of a system and the solvers that rank 0 has made of it."""
 
     def __init__(self, ranks: Ranks) -> None:
         self._ranks = ranks
@@ -84,7 +84,7 @@ class Worker:
         self._known: dict[str, Vector] = {}
 
     def work(self) -> None:
-        """Do what rank 0 orders until it is done."""
+        """Serve the calls of rank 0 until it is done."""
         with ng.TaskManager():
             self._ranks.serve(
                 {"system": self.system, "newton": self.newton, "residual": self.residual, "renew": self.renew,

@@ -105,9 +105,9 @@ class Course:
         first /= np.linalg.norm(first, axis=-1, keepdims=True)
         return self.line.points(s), np.stack([first, np.cross(along, first), along], axis=-2)
 
-    def frame(self, share: float) -> Frame:
-        """Return the plane at a share of the length."""
-        return Frame(*self.frames(share * self.length))
+    def frame(self, fraction: float) -> Frame:
+        """Return the plane at a fraction of the length."""
+        return Frame(*self.frames(fraction * self.length))
 
     def around(self, points: Array) -> tuple[Array, Array]:
         """Return the angle [rad, -pi to pi] around the vessel and the position along it [m] of points (n, 3)."""

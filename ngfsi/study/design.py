@@ -23,7 +23,7 @@ Kind = Literal["points", "saltelli", "morris"]
 LEVELS = 4
 """Values that a factor takes in Morris's method."""
 STEP = LEVELS / (2 * (LEVELS - 1))
-"""By which it changes there, as a share of its range, so that each value is as likely as the others."""
+"""By which it changes there, as a fraction of its range, so that each value is as likely as the others."""
 
 
 @dataclass(frozen=True)

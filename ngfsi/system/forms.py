@@ -1,6 +1,6 @@
 """Bilinear forms of residual and tangent from the same integrands, each as NGSolve evaluates it fastest.
 
-Terms that share a measure are one part. Machine code (`realcompile`) was measured and left out: the residual would take
+Terms of one measure are one integral. Machine code (`realcompile`) was measured and left out: the residual would take
 as long as it does now, the tangent 10 % less, for half a minute of compiling.
 """
 

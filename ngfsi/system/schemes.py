@@ -32,7 +32,7 @@ def bdf2(step: float, previous_step: float) -> Weights:
     return Weights((1 + 2 * ratio) / (1 + ratio) / step, -(1 + ratio) / step, ratio**2 / (1 + ratio) / step)
 
 
-def share_of_error(step: float, previous: float, before: float) -> float:
+def fraction_of_error(step: float, previous: float, before: float) -> float:
     """Return the local error of a step of BDF2 over its distance from the quadratic predictor.
 
     Both are multiples of the third derivative (Milne's device; Hairer, Norsett, Wanner, Solving ODEs I, ch. III.7): of

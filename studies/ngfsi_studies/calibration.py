@@ -50,7 +50,7 @@ PRINTED = tables("calibration")
 BULK = "materials.tissue.K"
 FIRST_GUESS = 50e3
 LANDMARKS = (0.04, 0.21, 0.38, 0.6, 0.83)
-"""Places of landmarks as shares of the skin's arc length, as superficial veins lie."""
+"""Places of landmarks as fractions of the skin's arc length, as superficial veins lie."""
 LANDMARK_NOISE = 0.3e-3
 """Standard deviation (m) of their positions: half a pixel of 0.625 mm."""
 SEED = 4
@@ -132,7 +132,7 @@ class Closing:
     """How the printed loss of a vein's area comes about with the printed K, from a pressure on the skin.
 
     Attributes:
-        target: printed loss, as a share.
+        target: printed loss, as a fraction.
         pressure: on the skin, Pa: where the loss is the printed one, or the largest with an equilibrium.
         vein, calf: losses of area there.
     """
@@ -144,12 +144,12 @@ class Closing:
 
     @property
     def reached(self) -> bool:
-        """Whether the vein loses the printed share."""
+        """Whether the vein loses the printed fraction."""
         return self.vein >= self.target
 
 
 def closing(truth: Truth, target: float) -> Closing:
-    """Raise the pressure until the vein loses a share of its area, and return the place, interpolated."""
+    """Raise the pressure until the vein loses a fraction of its area, and return the place, interpolated."""
     geometry: CalfSection = truth.model.case.geometry
     before = Closing(target, truth.pressure, truth.vein, truth.calf)
     while not before.reached:
@@ -160,8 +160,8 @@ def closing(truth: Truth, target: float) -> Closing:
         vein, calf = vein_loss(geometry)(probe), area_loss("skin", geometry.skin.area)(probe)
         now = Closing(target, PRESSURE_STEP * before.pressure, vein, calf)
         if now.reached:
-            share = (target - before.vein) / (now.vein - before.vein)
-            mixed = [a + share * (b - a) for a, b in ((before.pressure, now.pressure), (before.calf, now.calf))]
+            fraction = (target - before.vein) / (now.vein - before.vein)
+            mixed = [a + fraction * (b - a) for a, b in ((before.pressure, now.pressure), (before.calf, now.calf))]
             return Closing(target, mixed[0], target, mixed[1])
         before = now
     return before
@@ -174,7 +174,7 @@ def mooney_rivlin(case: Case) -> MooneyRivlin:
 
 
 def compressed(geometry: CalfSection, bulk: float, loss: float) -> Truth:
-    """Return the section under the pressure at which the calf loses a share of its area."""
+    """Return the section under the pressure at which the calf loses a fraction of its area."""
     case = section_case(geometry, materials(bulk), skin=loss * bulk)
     model = Model(case, ["loads.skin_pressure.value"])
     measure = area_loss("skin", geometry.skin.area)
@@ -292,13 +292,13 @@ def discrepancies() -> Array:
 
 
 def polygon_effect(outline: Outline, points: int) -> float:
-    """Return by which share the area of a polygon of equally spaced points falls short of the outline's."""
+    """Return by which fraction the area of a polygon of equally spaced points falls short of the outline's."""
     return 1 - polygon_area(outline.resampled(points)) / outline.area
 
 
-def shrink_for(outline: Outline, share: float) -> float:
-    """Return by how much (m) an outline must be moved inwards to lose a share of its area."""
-    return float(brentq(lambda d: outline.offset(-d).area / outline.area - 1 + share, 0.0, 2e-3))
+def shrink_for(outline: Outline, fraction: float) -> float:
+    """Return by how much (m) an outline must be moved inwards to lose a fraction of its area."""
+    return float(brentq(lambda d: outline.offset(-d).area / outline.area - 1 + fraction, 0.0, 2e-3))
 
 
 # ---------------------------------------------------------------- report
@@ -376,10 +376,10 @@ def _recovery(found: Sequence[Recovered]) -> str:
         )
         for f in found
     ]  # fmt: skip
-    shares = [s / m - 1 for s, m in _areas()]
+    fractions = [s / m - 1 for s, m in _areas()]
     return markdown_table(head, rows) + (
         f"\nNoise: {1e3 * LANDMARK_NOISE:g} mm on each landmark. The study's simulated calf areas are "
-        f"{-100 * max(shares):.2f} to {-100 * min(shares):.2f} % smaller than the measured ones."
+        f"{-100 * max(fractions):.2f} to {-100 * min(fractions):.2f} % smaller than the measured ones."
     )
 
 
@@ -389,12 +389,12 @@ def _areas() -> list[tuple[float, float]]:
 
 def _points(skin: Outline) -> str:
     few, many = polygon_effect(skin, 400), polygon_effect(skin, 1000)
-    share = float(np.mean([1 - s / m for s, m in _areas()]))
+    loss = float(np.mean([1 - s / m for s, m in _areas()]))
     return (
         f"A polygon of 400 points falls short of the outline's area by {100 * few:.4f} %, one of 1000 points by "
-        f"{100 * many:.4f} %: the difference, {100 * (few - many):.4f} %, is {(few - many) / share:.1%} of the printed "
-        f"{100 * share:.2f} %. It cannot explain it. An outline drawn {1e3 * shrink_for(skin, share):.2f} mm further "
-        f"inside does, {shrink_for(skin, share) / 0.625e-3:.0%} of a pixel of 0.625 mm: a systematic shift of that "
+        f"{100 * many:.4f} %: the difference, {100 * (few - many):.4f} %, is {(few - many) / loss:.1%} of the printed "
+        f"{100 * loss:.2f} %. It cannot explain it. An outline drawn {1e3 * shrink_for(skin, loss):.2f} mm further "
+        f"inside does, {shrink_for(skin, loss) / 0.625e-3:.0%} of a pixel of 0.625 mm: a systematic shift of that "
         "size on one of the two outlines is the likelier reason, and the same in all four subjects."
     )
 

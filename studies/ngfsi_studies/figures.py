@@ -132,9 +132,9 @@ def stacked_series(panels: Mapping[str, tuple[Array, Mapping[str, Array]]], tota
     for panel, (title, (times, parts)) in zip(spaces, panels.items(), strict=False):
         above, below = np.zeros_like(times), np.zeros_like(times)
         for colour, (part, values) in zip([QUIET, *COLOURS], parts.items(), strict=False):
-            for floor, share, name in ((above, np.maximum(values, 0), part), (below, np.minimum(values, 0), None)):
-                panel.fill_between(times, floor, floor + share, color=colour, alpha=0.75, linewidth=0, label=name)
-                floor += share
+            for floor, layer, name in ((above, np.maximum(values, 0), part), (below, np.minimum(values, 0), None)):
+                panel.fill_between(times, floor, floor + layer, color=colour, alpha=0.75, linewidth=0, label=name)
+                floor += layer
         panel.plot(times, above + below, color="black", linewidth=1.6, label=total)
         panel.set_title(title, fontsize=10)
         panel.set_xlabel("time [s]")
@@ -225,7 +225,7 @@ class Effects:
 
 
 NAMED = 0.15
-"""Effects above this share of the largest have their names beside them."""
+"""Effects above this fraction of the largest have their names beside them."""
 
 
 def elementary_effects(panels: Mapping[str, Effects], path: Path) -> None:

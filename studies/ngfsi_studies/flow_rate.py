@@ -261,12 +261,12 @@ def _table(found: Mapping[Point, Finding]) -> str:
             "narrowing %", "squeeze flow %", "shape %", "profile %")  # fmt: skip
     rows = []
     for point, finding in found.items():
-        shares = [100 * finding.ramp_end.parts[cause] / finding.start_sawss for cause in STAGES]
+        fractions = [100 * finding.ramp_end.parts[cause] / finding.start_sawss for cause in STAGES]
         rows.append((
             f"{point.tissue}{', finer' if point.finer else ''}", f"{from_si(point.lumen, 'mm'):g}",
             f"{from_si(point.flow, 'ml_s'):g}", point.coupling.replace("_", "-"), f"{100 * finding.ramp_end.loss:.1f}",
             f"{finding.start_sawss:.4f}", f"{finding.mean_rise:.0f}", f"{finding.ramp_end.rise:.0f}",
-            *(f"{share:.0f}" for share in shares),
+            *(f"{fraction:.0f}" for fraction in fractions),
         ))  # fmt: skip
     return markdown_table(head, rows)
 

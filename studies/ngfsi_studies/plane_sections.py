@@ -57,7 +57,7 @@ class Level(NamedTuple):
 LEVELS = {"demo": Level(3, 1.0), "paper": Level(4, 0.8), "fine": Level(5, 0.6)}
 MARK = "\u2020"
 """Stands behind numbers that are not converged."""
-SHARES = {"small": (0.5, 1.0), "finite": (0.25, 0.5, 0.625, 0.75, 0.875, 1.0)}
+LOAD_FACTORS = {"small": (0.5, 1.0), "finite": (0.25, 0.5, 0.625, 0.75, 0.875, 1.0)}
 """Fractions of the loads on the way, which are also the times (s) of a run under ramps; at finite strain the vein
 becomes soft on it."""
 SMALLEST_STEP = 1 / 64
@@ -71,10 +71,10 @@ class Finding:
     """What became of one subject in one model.
 
     Attributes:
-        vein, calf, deep_posterior: reductions of area as shares of it.
+        vein, calf, deep_posterior: reductions of area as fractions of it.
         vein_share: the vein's part of the calf's loss.
         pressure, pressure_wall: mean over the vein's outline on either side, Pa.
-        path: shares of the loads and the vein's reduction of area there; `coarse`: with one order less, if computed.
+        path: fractions of the loads and the vein's reduction of area there; `coarse`: with one order less, if computed.
         softest: at finite strain, the stored stability at these loads.
         failure: why the path ended early, if it did; the numbers are then those of its last state.
         run: for pictures.
@@ -97,7 +97,7 @@ class Finding:
 
     @property
     def settled(self) -> tuple[float, float]:
-        """Largest share of the loads up to which both orders agree, and the vein's reduction of area there."""
+        """Largest fraction of the loads up to which both orders agree, and the vein's reduction of area there."""
         both = zip(self.path, self.path if self.coarse is None else self.coarse, strict=False)
         agreeing = takewhile(lambda pair: abs(pair[0][1] - pair[1][1]) < AGREEMENT, both)
         return max((here for here, _ in agreeing), default=(0.0, 0.0))
@@ -125,12 +125,12 @@ def case(geometry: CalfSection, model: str, strain: str) -> Case:
     stressed = {"A": geometry.solids, "B": tuple(n for n in geometry.solids if n != "deep_posterior"), "C": ()}
     conditions = Conditions(plane_stress=stressed[model], strain=strain)  # type: ignore[arg-type]
     loads = {"skin_pressure": "skin_pressure_mmHg", "outlet_pressure": "vein_pressure_mmHg"}
-    shares, finite = SHARES[strain], strain == "finite"
-    step = float(np.diff([0.0, *shares]).min())
+    load_factors, finite = LOAD_FACTORS[strain], strain == "finite"
+    step = float(np.diff([0.0, *load_factors]).min())
     return section_case(geometry, Materials(**laws), conditions=conditions, name=f"section-{model}-{strain}").replace(
         **{f"loads.{name}": PressureRamp(final=to_si(PRINTED[key], "mmHg"), duration=1.0)
            for name, key in loads.items()},
-        time=TimeStepping(scheme="static", step=step, end=shares[-1], smallest_step=min(SMALLEST_STEP, step)),
+        time=TimeStepping(scheme="static", step=step, end=load_factors[-1], smallest_step=min(SMALLEST_STEP, step)),
         output=Output(fields_every=int(finite), stability=finite),
     )  # fmt: skip
 
@@ -178,7 +178,7 @@ def find(number: int, model: str, strain: str, outcomes: Mapping[str, Outcome]) 
 
 
 def path(outcome: Outcome, number: int, strain: str) -> tuple[tuple[float, float], ...]:
-    """Return shares of the loads that a run has reached, and the vein's reduction of area there."""
+    """Return fractions of the loads that a run has reached, and the vein's reduction of area there."""
     reached = _on_path(outcome.run.series if outcome.run else {}, strain)
     if not reached:
         return ()
@@ -190,12 +190,12 @@ def _on_path(table: Columns, strain: str) -> Columns:
     """Return the rows of a table at the loads on the way, which steps that were halved lie between."""
     if not table:
         return {}
-    rows = np.isclose(table["time_s"][:, None], SHARES[strain], rtol=0, atol=1e-9).any(axis=1)
+    rows = np.isclose(table["time_s"][:, None], LOAD_FACTORS[strain], rtol=0, atol=1e-9).any(axis=1)
     return {name: values[rows] for name, values in table.items()} if rows.any() else {}
 
 
 def pressure_needed(run: StoredRun, reduction: float, lumen: float) -> float:
-    """Return the pressure on the skin (Pa) at which small plane strain loses a share of the vein's area (m2).
+    """Return the pressure on the skin (Pa) at which small plane strain loses a fraction of the vein's area (m2).
 
     Displacements are linear in the load and areas quadratic in them: three pressures fix the curve, exactly. Not a
     number if it does not lose that much.
@@ -226,7 +226,7 @@ def write_report(level: str, folder: Path, findings: Sequence[Finding], needed: 
     pictures = _figures(folder, findings)
     parts = [
         "# Plane sections of the calf: plane stress, mixed, plane strain",
-        f"Level `{level}`. Four synthetic subjects (`geometry/calf_section.py`) stand in for the four of the source "
+        f'Level `{level}`. Four synthetic subjects (`type = "calf_section"`) stand in for the four of the source '
         "study, whose images are not available: numbers of single subjects cannot agree, sizes and orderings can. "
         f"{PRINTED['skin_pressure_mmHg']:g} mmHg on the skin, {PRINTED['vein_pressure_mmHg']:g} mmHg in the vein, "
         f"E = {PRINTED['muscle_young_kPa']:g} kPa (wall {PRINTED['wall_young_kPa']:g} kPa), Poisson ratio "
@@ -398,9 +398,9 @@ def _softness(folder: Path, findings: Sequence[Finding]) -> str:
         full = " / ".join(
             f"{100 * path[-1][1]:.1f}" if path and path[-1][0] == 1 else "none" for path in (f.path, f.coarse or ())
         )
-        share, loss = f.settled
+        load_factor, loss = f.settled
         rows.append((
-            f"{f.subject}, {f.model}", f"{load * share:.0f}", f"{100 * loss:.1f}",
+            f"{f.subject}, {f.model}", f"{load * load_factor:.0f}", f"{100 * loss:.1f}",
             full + ("" if f.converged else f" {MARK}"),
             f"{stiffness[-1] / stiffness[0]:.2f}", f"{away:.1f}",
         ))  # fmt: skip
@@ -468,7 +468,7 @@ def _paths(folder: Path, findings: Sequence[Finding]) -> str:
         f"model {model}": [
             Line(
                 f"subject {f.subject}, {f.strain} strain",
-                [0.0, *(load * share for share, _ in f.path)],
+                [0.0, *(load * load_factor for load_factor, _ in f.path)],
                 [0.0, *(100 * vein for _, vein in f.path)],
                 "o-" if f.strain == "finite" else "s--",
             )

@@ -30,7 +30,7 @@ from ngfsi_studies.speed import CASES
 PYTHON = Path(__file__).parents[2] / ".venv-mpi" / "bin" / "python"
 STEPS = 5
 SHARED = ("residuals", "assembly", "factorisation", "solves")
-"""Kinds of work of which all ranks take a share; the rest is rank 0's."""
+"""Kinds of work of which all ranks do their part; the rest is rank 0's."""
 BANDWIDTH = 1e9
 """B/s between two machines, of 10 Gb/s Ethernet."""
 VECTORS = 4

@@ -31,7 +31,7 @@ SEED = 7
 SHOWN = {"s": "ml/s"}
 """Last part of a name -> unit, where they differ."""
 SMALL = 0.15
-"""Effects below this share of the largest are not named one by one."""
+"""Effects below this fraction of the largest are not named one by one."""
 
 
 @dataclass(frozen=True)
@@ -191,9 +191,9 @@ def _of_choices(found: Indices) -> Indices:
 
     A step of part of the range changes a choice altogether, so that there is nothing to extrapolate to the whole range.
     """
-    share = np.array([STEP if factor.options else 1.0 for factor in FACTORS])
+    fraction = np.array([STEP if factor.options else 1.0 for factor in FACTORS])
     names = ("first", "first_half_width", "second", "second_half_width")
-    return replace(found, **{name: share * getattr(found, name) for name in names})
+    return replace(found, **{name: fraction * getattr(found, name) for name in names})
 
 
 class Error(NamedTuple):
@@ -321,7 +321,7 @@ def _error_table(errors: Sequence[Error]) -> str:
         cells = [error.title]
         for name, (study_value, reference) in error.values.items():
             difference = study_value - reference
-            share = f"{difference:+.2g}" if RESULTS[name].unit != "Pa" else f"{100 * difference / reference:+.1f} %"
-            cells += [f"{study_value:.4g}", f"{reference:.4g}", share]
+            change = f"{difference:+.2g}" if RESULTS[name].unit != "Pa" else f"{100 * difference / reference:+.1f} %"
+            cells += [f"{study_value:.4g}", f"{reference:.4g}", change]
         rows.append(cells)
     return markdown_table(head, rows)

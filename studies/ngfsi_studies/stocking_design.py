@@ -51,7 +51,7 @@ EDGE = 20e-3
 
 
 class Profile(NamedTuple):
-    """A pressure on the skin over height, angle and time, of the given mean.
+    """A pressure on the skin over z, angle and time, of the given mean.
 
     Attributes:
         gradient: the distal chamber has 1 + gradient of the mean, the proximal one 1 - gradient.
@@ -74,11 +74,11 @@ class Profile(NamedTuple):
             # the outer edges lie outside of the segment, so that its ends are pressed in full
             start = number * length / CHAMBERS - (EDGE / 2 if number == 0 else 0)
             end = (number + 1) * length / CHAMBERS + (EDGE / 2 if number == CHAMBERS - 1 else 0)
-            for share, half_width in ((1 - self.one_side, None), (2 * self.one_side, pi / 2)):
-                if share > 0:
+            for fraction, half_width in ((1 - self.one_side, None), (2 * self.one_side, pi / 2)):
+                if fraction > 0:
                     found.append(
                         Cuff(
-                            pressure=self._over_time(BOUND * weight * share, number),
+                            pressure=self._over_time(BOUND * weight * fraction, number),
                             start=start, end=end, edge=EDGE,
                             direction=to_si(self.side_deg, "deg"), half_width=half_width,
                         )
@@ -133,7 +133,7 @@ def _smallest_outflow(run: StoredRun) -> float:
 
 
 def _largest_loss(run: StoredRun) -> float:
-    """Return the largest share of the area of any section that is lost against the shape without loads."""
+    """Return the largest fraction of the area of any section that is lost against the shape without loads."""
     areas = np.column_stack([run.series[f"area_z{station:02d}_m2"] for station in range(STATIONS)])
     return float(1 - np.min(areas) / (pi * run.case.geometry.lumen_radius**2))
 
@@ -205,8 +205,8 @@ APART = 0.3
 
 LARGEST_LOSS = 0.25
 """Of the area of a section, among which the best are looked for. A round section that shrinks loses 0.47 before the law
-of the wall loses its stability (docs/theory.md); one that is pressed from one side flattens, and on the mesh of level
-`paper` profiles under which it loses 0.36 on the coarse one had no solution any more."""
+of the wall loses strong ellipticity (docs/theory.md); one that is pressed from one side flattens, and on the mesh of
+level `paper` profiles under which it loses 0.36 on the coarse one had no solution any more."""
 
 
 def open_enough(losses: Surrogate, points: Array) -> NDArray[np.bool_]:
@@ -299,7 +299,7 @@ class Found(NamedTuple):
 
 
 def parts_of_skin(case: Case) -> list[Any]:
-    """Return where each cuff of a case presses, as a share of its pressure."""
+    """Return where each cuff of a case presses, as a fraction of its pressure."""
     return [terms.part_of_skin(c.start, c.end, c.edge, c.direction, c.half_width) for c in case.loads.cuffs]
 
 
@@ -437,7 +437,7 @@ def _text(level: str, found: Found, results: Results) -> str:
             f"values among profiles that differ by {APART:g} in gradient, side or cycle, and under which no section "
             f"loses more than {LARGEST_LOSS:.0%} of its area at any time, as a second surrogate says with two standard "
             "deviations to spare. The largest values of all lie beyond: there the vein flattens until its wall's law "
-            "loses its stability, and they could not be confirmed on a finer mesh.\n",
+            "loses strong ellipticity, and they could not be confirmed on a finer mesh.\n",
             "![surrogate over computed](surrogate.png)\n",
             "## Errors\n",
             f"The design has {chosen.runs.mesh.axial_layers} layers of coarse elements and {chosen.steps} steps in a "

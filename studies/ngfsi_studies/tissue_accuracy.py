@@ -121,8 +121,8 @@ def _table(runs: Mapping[str, StoredRun], found: Mapping[str, Results], bars: Ma
         about = (str(run.case.discretisation.order), f"{run.manifest['unknowns']:,}", f"{1e3 * run.case.time.step:g}")
         rows.append((key.replace("_", " "), *about, f"{values[0]:.3f}", *(f"{value:.5f}" for value in values[1:])))
     for what, key in (("space", SPACE[-1]), ("time", TIME[-1])):
-        shares = [f"{100 * bars[what][name] / abs(found[key][name]):.2g} %" for name in found[key]]
-        rows.append((f"error bar of {key.replace('_', ' ')}, {what}", "", "", "", *shares))
+        fractions = [f"{100 * bars[what][name] / abs(found[key][name]):.2g} %" for name in found[key]]
+        rows.append((f"error bar of {key.replace('_', ' ')}, {what}", "", "", "", *fractions))
     return (
         "# Numerical error of the calf\n\n"
         "M tissue with K 28.45 kPa at the end of the ramp of 25 mmHg in 1 s, computed with\n"

@@ -32,11 +32,11 @@ class Moment:
     Attributes:
         time: s
         skin_pressure: mean over the skin, Pa
-        loss: share of the lumen's volume lost since t = 0.
-        loss_unloaded: share lost of the volume of the shape without any load.
+        loss: fraction of the lumen's volume lost since t = 0.
+        loss_unloaded: fraction lost of the volume of the shape without any load.
         sawss: wall shear stress, mean over the wall [Pa].
         sawss_ratio: SAWSS over that at t = 0.
-        parts: SAWSS [Pa] by cause (see ngfsi/measure/decomposition.py).
+        parts: SAWSS [Pa] by cause (see ngfsi/analysis/decomposition.py).
         pressures: hydrostatic pressure [Pa] by where it is read: tissue_side, wall_side, wall_mean.
     """
 

@@ -112,7 +112,7 @@ def test_solids_alone(tmp_path: Path) -> None:
     columns = {"skin_pressure_Pa": [0.0, 10.0, 0.0], "displacement_max_m": [0.0, 2e-3, 0.0]}
     run = store(tmp_path / "run", CASE, domain(), columns, {}, fields)
     headings, text = said(tmp_path, run)
-    shown = ["Largest displacement", "Hydrostatic pressure in the calf", "Tissue in space: fake"]
+    shown = ["Largest displacement", "Hydrostatic pressure in the calf", "Tissue in 3-D: fake"]
     assert headings == ["Result", "Setup", *shown, "Costs", "Sources"]
     assert "<td>0.5</td>" in text  # the load ends at 0: its largest counts
     with pytest.raises(OutputError, match="of no vessel"):

@@ -109,23 +109,23 @@ def test_figures(stored: StoredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     charted = report_module._charts
 
     def some(runs: Any) -> Any:
-        return [chart for chart in charted(runs) if chart[0] in ("Area of the lumen", "Vein in space: fake")]
+        return [chart for chart in charted(runs) if chart[0] in ("Area of the lumen", "Vein in 3-D: fake")]
 
     monkeypatch.setattr(report_module, "_charts", some)
     monkeypatch.setattr(report_module, "_tube_charts", lambda _: [])
     monkeypatch.setattr(report_module, "_in_one_dimension", lambda _: {}["nothing"])
     files = {path.name: path for path in figures([stored.path], tmp_path / "figures")}
-    assert set(files) == {"area_of_the_lumen.svg", "area_of_the_lumen.png", "vein_in_space__fake.png"}
+    assert set(files) == {"area_of_the_lumen.svg", "area_of_the_lumen.png", "vein_in_3_d__fake.png"}
     drawing = files["area_of_the_lumen.svg"].read_text(encoding="utf-8")
     for text in ("Area of the lumen", "time [s]", "mean area [% of t = 0]"):
         assert f">{text}</text>" in drawing
-    picture = np.asarray(PIL.Image.open(files["vein_in_space__fake.png"]).convert("RGB"))
+    picture = np.asarray(PIL.Image.open(files["vein_in_3_d__fake.png"]).convert("RGB"))
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
 
 
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason=f"no browser is installed: {', '.join(BROWSERS)}")
 def test_in_a_browser(page: Path, tmp_path: Path) -> None:
-    """It opens without an error, and every chart draws, those in space too."""
+    """It opens without an error, and every chart draws, those in 3-D too."""
     text = page.read_text(encoding="utf-8")
     probe = text.replace("<head>", f"<head>{LISTEN}", 1).replace("</body>", f"{LOOK}</body>", 1)
     found = _looked(probe.encode(), next(path for name in BROWSERS if (path := shutil.which(name))), tmp_path)

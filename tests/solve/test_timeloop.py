@@ -18,7 +18,7 @@ from ngfsi.config.functions import PressureRamp, PressureTable
 from ngfsi.errors import SolverError
 from ngfsi.solve.newton import Solution
 from ngfsi.solve.time_loop import History, Step, TimeLoop
-from ngfsi.system.schemes import Weights, bdf2, share_of_error
+from ngfsi.system.schemes import Weights, bdf2, fraction_of_error
 from tests.vein import case_of
 
 Vector = NDArray[np.float64]
@@ -313,7 +313,7 @@ def test_estimated_error_is_exact_for_a_cubic(ratios: tuple[float, float]) -> No
     history = History([*t[2::-1]], [np.array([x**3]) for x in t[2::-1]], [], 2)
     w = bdf2(0.1, h1)
     solved = (3 * t[3] ** 2 - w.old * t[2] ** 3 - w.older * t[1] ** 3) / w.new
-    estimate = share_of_error(0.1, h1, h2) * abs(solved - history.extrapolated(0.5)[0])
+    estimate = fraction_of_error(0.1, h1, h2) * abs(solved - history.extrapolated(0.5)[0])
     assert estimate == pytest.approx(abs(solved - t[3] ** 3), rel=1e-9)
 
 

@@ -108,7 +108,7 @@ def compute(setting: Setting) -> Values:
         "power lacking at an instant, over the skin's": float(np.abs(at_once).max() / skin.max()),
         "energy: rest of div u over work of the skin": abs(float(np.trapezoid(excess, times))) / work,
         "energy: rest of the time scheme over work of the skin": abs(float(of_scheme)) / work,
-        "energy: share of the moving mesh in that": abs(float(np.trapezoid(of_mesh, times))) / work,
+        "energy: fraction of the moving mesh in that": abs(float(np.trapezoid(of_mesh, times))) / work,
         "energy: rest over work of the skin": abs(float(lacking)) / work,
         "energy at rest: power in over dissipation": float(others[0] / heat[0]),
         "volume: rest over loss": abs((volume[-1] - volume[0]) / np.trapezoid(rate, times) - 1),
@@ -142,7 +142,7 @@ CASE = Benchmark(
     exact="nothing is left at any instant but what convection makes of div u, which is zero only on average and falls "
     "with the size of the elements (the power lacking at an instant is the error of quadrature); over the run, the "
     "error of the time scheme and of the sum over the steps (trapezoidal rule), which falls with its order, as does "
-    "the share in it of the moving mesh, whose volumes change by differences; at rest, heat is the power of the flow",
+    "its part in the moving mesh, whose volumes change by differences; at rest, heat is the power of the flow",
     compute=compute,
 )
 STEPS: dict[str, dict[str, tuple[float, ...]]] = {
@@ -166,7 +166,7 @@ REFERENCES = (
     Reference("energy: rest of div u over work of the skin", NOTHING, "1", 1e-4, BALANCE),
     Reference("energy: rest of div u over work of the skin", {"elements": 0.0}, "1", 1e-4, BALANCE, 2.0),
     Reference("energy: rest of the time scheme over work of the skin", NOTHING, "1", ALLOWED, BALANCE, ORDERS),
-    Reference("energy: share of the moving mesh in that", NOTHING, "1", MOVING, BALANCE, ORDERS),
+    Reference("energy: fraction of the moving mesh in that", NOTHING, "1", MOVING, BALANCE, ORDERS),
     Reference("energy: rest over work of the skin", NOTHING, "1", ALLOWED, BALANCE, ORDERS),
     Reference("energy at rest: power in over dissipation", 1.0, "1", 1e-3, BALANCE),
     Reference("volume: rest over loss", NOTHING, "1", ALLOWED, BALANCE, ORDERS),

@@ -75,7 +75,7 @@ def compute(setting: Setting) -> tuple[Values, Signals]:
     axial = CubicSpline(times, columns[3])
     fine = np.linspace(0.0, FIRST_PASSAGE, 2001)
     feet = [_half_height(fine, wave(fine)) for wave in (first, last)]
-    names = [f"{kind}_z{share * LENGTH * 1e3:g}mm_m" for share in STATIONS for kind in ("radial", "axial")]
+    names = [f"{kind}_z{fraction * LENGTH * 1e3:g}mm_m" for fraction in STATIONS for kind in ("radial", "axial")]
     found = {
         "radial displacement, largest": 1e6 * float(middle(fine).max()),
         "axial displacement, largest towards the inlet": 1e6 * float(-axial(fine).min()),

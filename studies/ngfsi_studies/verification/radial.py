@@ -21,7 +21,7 @@ from ngfsi.verify import VerificationError
 Array = NDArray[np.float64]
 Stress = Callable[[Array], Array]
 """Principal stresses P_i of the principal stretches l_i, both of shape (3, n)."""
-SHARES = (0.25, 0.5, 0.75, 1.0)
+LOAD_FACTORS = (0.25, 0.5, 0.75, 1.0)
 """Of the pressures, in turn: collocation starts from the solution before."""
 TOLERANCE = 1e-9
 """Of the relative residuals."""
@@ -105,17 +105,17 @@ def inner_displacement(inner: float, layers: Sequence[Layer], inside: float, out
     scale = max(abs(inside), abs(outside))
 
     def slope(s: Array, y: Array) -> Array:
-        """Of r / inner and P / scale in each layer, over the share s of its thickness."""
+        """Of r / inner and P / scale in each layer, over the fraction s of its thickness."""
         slopes = []
         for stress, begin, width, r, P in zip(stresses, begins, widths, y[::2], y[1::2], strict=True):
             along, slope_of_P = _equilibrium(stress, begin + s * width, inner * r, scale * P)
             slopes += [width * along / inner, width * slope_of_P / scale]
         return np.array(slopes)
 
-    def surplus(share: float) -> Callable[[Array, Array], Array]:
+    def surplus(load_factor: float) -> Callable[[Array, Array], Array]:
         def of_ends(first: Array, last: Array) -> Array:
-            pressed_inside = first[1] + share * inside / scale * first[0]
-            pressed_outside = last[-1] + share * outside / scale * last[-2] * inner / layers[-1].outer
+            pressed_inside = first[1] + load_factor * inside / scale * first[0]
+            pressed_outside = last[-1] + load_factor * outside / scale * last[-2] * inner / layers[-1].outer
             return np.array([pressed_inside, pressed_outside, *(first[2:] - last[:-2])])
 
         return of_ends
@@ -123,8 +123,8 @@ def inner_displacement(inner: float, layers: Sequence[Layer], inside: float, out
     s = np.linspace(0, 1, 21)
     at_rest = [((begin + s * width) / inner, np.zeros_like(s)) for begin, width in zip(begins, widths, strict=True)]
     y = np.vstack([row for rows in at_rest for row in rows])
-    for share in SHARES:
-        s, y = _solved(slope, surplus(share), s, y)
+    for load_factor in LOAD_FACTORS:
+        s, y = _solved(slope, surplus(load_factor), s, y)
     return float(inner * (y[0, 0] - 1))
 
 
@@ -139,10 +139,10 @@ def stress_free_radius(law: SolidLaw, inner: float, outer: float, inside: float)
 
     r = np.linspace(inner, outer, 21)
     y = np.vstack([r / inner, np.zeros_like(r)])
-    for share in SHARES:
+    for load_factor in LOAD_FACTORS:
 
-        def surplus(first: Array, last: Array, share: float = share) -> Array:
-            return np.array([first[1] + share / first[0], last[1]])
+        def surplus(first: Array, last: Array, load_factor: float = load_factor) -> Array:
+            return np.array([first[1] + load_factor / first[0], last[1]])
 
         r, y = _solved(slope, surplus, r, y)
     return float(inner * y[0, 0])

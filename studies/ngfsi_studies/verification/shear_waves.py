@@ -196,7 +196,7 @@ def compute(setting: Setting) -> Values:
 
 CASE = Benchmark(
     title="Shear waves in fluid and solid",
-    solves="the coupled system between elastic walls (in the plane) and in an elastic sheath (in space): one period "
+    solves="the coupled system between elastic walls (in the plane) and in an elastic sheath (in 3-D): one period "
     "under an axial pressure gradient that oscillates about a mean, from the exact state; wall and fluid swing alike, "
     "and the largest errors of the period count",
     exact="the even motion plus cos and sin, or Bessel functions, whose velocity and shear stress are continuous at "

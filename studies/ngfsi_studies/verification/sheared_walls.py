@@ -81,7 +81,7 @@ def compute(setting: Setting) -> Values:
 
 CASE = Benchmark(
     title="Walls sheared by steady flow",
-    solves="the coupled system between walls (in the plane) and in a sheath (in space) of the calf's Mooney-Rivlin "
+    solves="the coupled system between walls (in the plane) and in a sheath (in 3-D) of the calf's Mooney-Rivlin "
     "tissue, with c11, under an axial force G that shears them by more than a half; the bulk modulus is 1/h times the "
     "shear modulus, and h goes to zero",
     exact="the shear g of an incompressible wall, 2 (c10 + c01) g + 4 c11 g^3 = G y between walls and G r/2 in a "

@@ -45,7 +45,7 @@ def round_tube(radius: float, length: float, element: Any, h: float, order: int)
 
 
 def _rings(n: int) -> tuple[float, ...]:
-    """Return 2 n - 1 even rings of elements in the lumen, shares of its radius."""
+    """Return 2 n - 1 even rings of elements in the lumen, fractions of its radius."""
     return tuple(i / (2 * n) for i in range(2 * n - 1, 0, -1))
 
 

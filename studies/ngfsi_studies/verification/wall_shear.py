@@ -26,7 +26,7 @@ OUTLET_PRESSURE, GRADIENT = 1333.22, 30.0
 SOLID = CompressibleNeoHookean(young=30e3, poisson=0.3, density=1060.0)
 """Of no influence: the tube's shape is held."""
 NARROWING, SQUEEZE = 0.3, 0.3
-"""Share of the radius missing at the outlet, and its rate (1/s)."""
+"""Fraction of the radius missing at the outlet, and its rate (1/s)."""
 STRETCH = 1.25
 """Of the oval tube, along x; its inverse along y."""
 
@@ -71,10 +71,10 @@ def tapered(narrowing: float, squeeze: float) -> Tube:
     """
     t = ng.Parameter(0.0)
     zeta = ng.z / LENGTH
-    share = zeta**3 * (10 - 15 * zeta + 6 * zeta**2)
-    scale = 1 - (narrowing + squeeze * t) * share
+    fraction = zeta**3 * (10 - 15 * zeta + 6 * zeta**2)
+    scale = 1 - (narrowing + squeeze * t) * fraction
     radius, e2 = RADIUS * scale, (ng.x**2 + ng.y**2) / RADIUS**2
-    # dQ/dz = -dA/dt; the integral of share * scale along z is that of a polynomial of degree 11, done by hand
+    # dQ/dz = -dA/dt; the integral of fraction * scale along z is that of a polynomial of degree 11, done by hand
     first, second = _integrals(zeta)
     flow = FLOW + 2 * np.pi * RADIUS**2 * squeeze * LENGTH * (first - (narrowing + squeeze * t) * second)
     axial = 2 * flow / (np.pi * radius**2) * (1 - e2)
