@@ -130,7 +130,7 @@ def test_in_a_browser(page: Path, tmp_path: Path) -> None:
     probe = text.replace("<head>", f"<head>{LISTEN}", 1).replace("</body>", f"{LOOK}</body>", 1)
     found = _looked(probe.encode(), next(path for name in BROWSERS if (path := shutil.which(name))), tmp_path)
     assert found["failures"] == []
-    in_3d = {name: count for name, count in found["colours"].items() if "in_space" in name}
+    in_3d = {name: count for name, count in found["colours"].items() if "in_3" in name}
     assert len(in_3d) == 4
     assert min(in_3d.values()) > 100, in_3d
     assert len(found["colours"]) == 18
