@@ -24,6 +24,8 @@ from ngfsi.system.system import System
 
 INTEGRATE = 5
 """Order of NGSolve's `Integrate` for a sum of integrals."""
+DRAWN = 41
+"""Points by which a curved centreline is stored."""
 NO_SHEAR = ShearStatistics(0.0, 0.0, 0.0, 0.0)
 
 
@@ -90,11 +92,12 @@ class VesselProbe:
 
     def summary(self) -> dict[str, Any]:
         """Return what readers of the run must know of the vessel, for the manifest."""
-        vessel, centreline = self.vessel, self.vessel.centreline or ()
+        vessel, line = self.vessel, self.sections.line
+        points = line.points(line.stations(2 if line.straight else DRAWN))
         return {"lumen": vessel.lumen, "interface": vessel.interface, "wall": vessel.wall, "outer": vessel.outer,
                 "inlets": list(vessel.inlets), "outlets": list(vessel.outlets), "radius_m": vessel.radius,
                 "length_m": self.sections.line.length, "stations": STATIONS,
-                "centreline_m": [list(point) for point in centreline]}  # fmt: skip
+                "centreline_m": points.tolist()}  # fmt: skip
 
     def inflow(self) -> float:
         """Return the flow into the vessel through all inlets (m3/s)."""

@@ -68,6 +68,11 @@ class Centreline:
         self.length = float(at[-1] if self._curve is None else self._curve.x[-1])
         self._start, self._way = given[0], (given[-1] - given[0]) / self.length
 
+    @property
+    def straight(self) -> bool:
+        """Whether it is a straight line."""
+        return self._curve is None
+
     def points(self, at: Array) -> Array:
         """Return the points (n, 3) [m] at arc lengths (n,) [m]."""
         if self._curve is None:

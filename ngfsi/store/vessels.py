@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import OutputError
+from ngfsi.mesh.centreline import Centreline
 from ngfsi.mesh.geometry import Vessel
 
 Array = NDArray[np.float64]
@@ -18,47 +19,6 @@ Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
 STEEP = 0.7
 """Cosine between a vessel and an axis from which the axis is no direction to count angles from."""
-
-
-class Polyline:
-    """A line through points (n, 3) [m], measured by its arc length s [m]; beyond its ends it goes on straight."""
-
-    def __init__(self, points: Any) -> None:
-        self._points = np.asarray(points, dtype=float)
-        steps = np.diff(self._points, axis=0)
-        lengths = np.linalg.norm(steps, axis=1)
-        self._s = np.append(0.0, np.cumsum(lengths))
-        self._ways = steps / lengths[:, None]
-        ends = self._ways[:1], self._ways[-1:]
-        self._tangents = np.concatenate([ends[0], self._ways[1:] + self._ways[:-1], ends[1]])
-
-    @property
-    def length(self) -> float:
-        """From end to end, m."""
-        return float(self._s[-1])
-
-    def points(self, s: Any) -> Array:
-        """Return the points (..., 3) [m] at arc lengths (...)."""
-        s = np.asarray(s, dtype=float)
-        part = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._ways) - 1)
-        return np.asarray(self._points[part] + (s - self._s[part])[..., None] * self._ways[part])
-
-    def tangents(self, s: Any) -> Array:
-        """Return the unit tangents (..., 3) at arc lengths (...)."""
-        found = np.stack([np.interp(s, self._s, self._tangents[:, i]) for i in range(3)], axis=-1)
-        return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
-
-    def coordinate(self, points: Array) -> Array:
-        """Return the arc length (n,) of the nearest point of the line to each of the points (n, 3)."""
-        found, nearest = np.zeros(len(points)), np.full(len(points), np.inf)
-        for number, (start, way) in enumerate(zip(self._points[:-1], self._ways, strict=True)):
-            low = -np.inf if number == 0 else 0.0
-            high = np.inf if number == len(self._ways) - 1 else self._s[number + 1] - self._s[number]
-            along = np.clip((points - start) @ way, low, high)
-            distance = np.linalg.norm(points - start - along[:, None] * way, axis=1)
-            closer = distance < nearest
-            found[closer], nearest[closer] = self._s[number] + along[closer], distance[closer]
-        return found
 
 
 @dataclass(frozen=True)
@@ -88,7 +48,7 @@ class Course:
 
     def __init__(self, centreline: Any) -> None:
         """Take the points (n, 3) [m] of a centreline."""
-        self.line = Polyline(centreline)
+        self.line = Centreline(centreline)
         self.length = self.line.length
         steepest = np.abs(self.line.tangents(np.linspace(0.0, self.length, 101))).max(axis=0)
         self._start = 0 if steepest[0] < STEEP else int(np.argmin(steepest))
@@ -100,10 +60,13 @@ class Course:
 
     def frames(self, s: Any) -> tuple[Array, Array]:
         """Return centres (..., 3) [m] and axes (..., 3, 3) as of `Frame` at arc lengths (...) [m]."""
-        along = self.line.tangents(s)
+        s = np.asarray(s, dtype=float)
+        along = self.line.tangents(s.ravel()).reshape(*s.shape, 3)
         first = np.eye(3)[self._start] - along[..., self._start, None] * along
         first /= np.linalg.norm(first, axis=-1, keepdims=True)
-        return self.line.points(s), np.stack([first, np.cross(along, first), along], axis=-2)
+        return self.line.points(s.ravel()).reshape(along.shape), np.stack(
+            [first, np.cross(along, first), along], axis=-2
+        )
 
     def frame(self, fraction: float) -> Frame:
         """Return the plane at a fraction of the length."""
