@@ -22,8 +22,7 @@ types: $(VENV)/ready
 	$(BIN)/mypy
 
 pytest: $(VENV)/ready
-	# each worker on one core: their threads would wait for one another
-	NGS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+	$(BIN)/pytest -n 2 --dist worksteal
 
 soak: $(VENV)/ready
 	$(BIN)/python -m tests.soak docs/soak.md
