@@ -51,7 +51,9 @@ class AcmeLaw(CompressibleNeoHookean):
 def ended_well(*command: str | Path, folder: Path, **more: str) -> str:
     """Run a command without what the environment says of other modules, and return what it wrote."""
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    ended = subprocess.run(command, cwd=folder, env=environment | more, capture_output=True, encoding="utf-8", check=False)
+    ended = subprocess.run(
+        command, cwd=folder, env=environment | more, capture_output=True, encoding="utf-8", check=False
+    )
     assert ended.returncode == 0, ended.stderr
     return ended.stdout
 
