@@ -5,6 +5,8 @@ SciPy is loaded when there is something to measure: half a second, for which a r
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import netgen.meshing as nm
 import ngsolve as ng
 import numpy as np
@@ -61,7 +63,7 @@ class Sections:
         shift = INWARDS * self.line.length
         inside = self.stations + np.where(self.stations > self.line.length / 2, -shift, shift)
         self.centres, self.normals = self.line.points(inside), self.line.tangents(inside)
-        self._on_line = self._in_straight_mesh()
+        self._blood: Array | None = None
         self.areas, self.area_rates, self.perimeters, self.shears = np.zeros((4, len(self.stations)))
 
     def refresh(self, shear: ng.CoefficientFunction | None = None) -> None:
@@ -70,6 +72,7 @@ class Sections:
         Args:
             shear: wall shear stress (Pa), a field of polynomials on the interface.
         """
+        self._blood = None
         surface, state = self._surface, self._surface.coefficients(self._state)
         self._place = state[..., :3]
         self.outlines = surface.cut(self._place, self.centres, self.normals, self._arc_points)
@@ -105,10 +108,14 @@ class Sections:
     @property
     def blood(self) -> Array:
         """Pressure of the blood on the centreline at each station, of the reference shape (Pa)."""
-        pressure = self.system.blood_pressure(self.vessel.name)
-        return np.asarray(pressure(self.system.domain.mesh(*self._on_line.T))).ravel()
+        if self._blood is None:
+            pressure = self.system.blood_pressure(self.vessel.name)
+            self._blood = np.asarray(pressure(self.system.domain.mesh(*self._on_line.T))).ravel()
+        return self._blood
 
-    def _in_straight_mesh(self) -> Array:
+    @cached_property
+    def _on_line(self) -> Array:
+        """Where the stations lie in the straight mesh."""
         places, domain = self.line.points(self.stations), self.system.domain
         try:
             return domain.on_straight_mesh(places)

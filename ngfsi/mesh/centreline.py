@@ -150,7 +150,7 @@ def _found(domain: Domain, vessel: Vessel, inlet: str, outlet: str) -> Centrelin
         raise MeshError(
             f"the vessel '{vessel.name}' is a hole: give its geometry a centreline, which is found in blood"
         )
-    first, last = (_centroid(domain, name) for name in (inlet, outlet))
+    first, last = (domain.centroid(name) for name in (inlet, outlet))
     radius = np.sqrt(domain.area(inlet) / np.pi)
     middles = _middles(domain, vessel.lumen, inlet, outlet)
     line = Centreline(_smooth(np.vstack([first, middles, last]), np.array([HOLD, *(1.0 for _ in middles), HOLD])))
@@ -167,12 +167,6 @@ def _found(domain: Domain, vessel: Vessel, inlet: str, outlet: str) -> Centrelin
         middles, weights = cut.centroids(points)[cut.whole], (smallest / areas)[cut.whole] ** POWER
         line = Centreline(_smooth(np.vstack([first, middles, last]), np.concatenate([[HOLD], weights, [HOLD]])))
     return line
-
-
-def _centroid(domain: Domain, boundary: str) -> Array:
-    ds = domain.ds(boundary, bonus_intorder=4)
-    moment = [float(ng.Integrate(way * ds, domain.mesh)) for way in (ng.x, ng.y, ng.z)]
-    return np.array(moment) / domain.area(boundary)
 
 
 def _middles(domain: Domain, lumen: str, inlet: str, outlet: str) -> Array:
