@@ -26,7 +26,7 @@ from ngfsi.config.model import ConfigModel
 from ngfsi.materials.fluid.law import FluidLaw
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.geometry import Vessel
-from ngfsi.physics.fields import Fields, Named
+from ngfsi.physics.fields import MOTION, Fields, Named
 from ngfsi.physics.integrals import Integral
 
 Vector = NDArray[np.float64]
@@ -171,6 +171,21 @@ class WithValue(Condition):
     def restore_state(self, arrays: Mapping[str, Vector]) -> None:
         """Take a value."""
         self.value.Set(float(arrays["value"][0]))
+
+
+class OnSolids(Condition):
+    """A condition whose terms are those for the solids at rest, at the present motion."""
+
+    _setup: Setup
+
+    def attach(self, setup: Setup) -> None:
+        """Take what it acts on."""
+        self._setup = setup
+
+    def integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
+        """Return its virtual work."""
+        setup = self._setup
+        return self.static_integrals(setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
 
 
 class ConditionModel(ConfigModel):

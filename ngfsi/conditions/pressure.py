@@ -9,7 +9,7 @@ from typing import Any, Self
 import ngsolve as ng
 from pydantic import Field, model_validator
 
-from ngfsi.conditions.condition import Setup, WithValue
+from ngfsi.conditions.condition import OnSolids, Setup, WithValue
 from ngfsi.conditions.openings import through
 from ngfsi.config.functions import PressureCurve
 from ngfsi.config.model import ConfigModel
@@ -54,7 +54,7 @@ class Cuff(ConfigModel):
         return terms.part_of_skin(self.start, self.end, self.edge, self.direction, self.half_width)
 
 
-class PressureOn(WithValue):
+class PressureOn(OnSolids, WithValue):
     """A pressure on boundaries, normal to their deformed shape (Pa), times a function of place."""
 
     def __init__(
@@ -69,15 +69,6 @@ class PressureOn(WithValue):
     def on_skin(self) -> bool:
         """Whether it acts on the skin."""
         return self.boundaries == (SKIN,)
-
-    def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
-        self._setup = setup
-
-    def integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
-        """Return its virtual work."""
-        setup = self._setup
-        return self.static_integrals(setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
 
     def static_integrals(self, m: Any, v: Any) -> list[Integral]:
         """Return its virtual work for a motion and a test function."""

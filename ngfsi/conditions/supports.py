@@ -10,11 +10,11 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngfsi.conditions.boundary import boundary_values
-from ngfsi.conditions.condition import Condition, Numbers, Setup, Vector
+from ngfsi.conditions.condition import Condition, Numbers, OnSolids, Setup, Vector
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
-from ngfsi.physics.fields import MOTION, VELOCITY
+from ngfsi.physics.fields import VELOCITY
 from ngfsi.physics.integrals import Integral
 
 EndsKind = Literal["roller", "clamped", "guided", "free"]
@@ -25,7 +25,7 @@ STIFF = 1e6
 """Stiffness of an end that is held in an oblique direction, over that of the solids."""
 
 
-class Ends(Condition):
+class Ends(OnSolids):
     """Rigid boundaries, and the end faces of a segment.
 
     roller: the end faces slide in their plane; clamped: they are fixed; guided: they move along their normal alone;
@@ -91,15 +91,6 @@ class Ends(Condition):
         normal, domain = self._normals[end], self._domain
         heights = {name: domain.centroid(name) @ normal for name in self._ends}
         return tuple(n for n, h in heights.items() if abs(h - heights[end]) < ALIGNED * domain.geometry.size)
-
-    def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
-        self._setup = setup
-
-    def integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
-        """Return the springs of oblique ends."""
-        setup = self._setup
-        return self.static_integrals(setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
 
     def static_integrals(self, m: Any, v: Any) -> list[Integral]:
         """Return the springs of oblique ends."""
