@@ -53,7 +53,7 @@ def test_poiseuille(tmp_path: Path) -> None:
     assert found["flow_out_m3_s"] == pytest.approx(FLOW, rel=1e-6)
     assert found["lumen_volume_rate_m3_s"] == pytest.approx(0.0, abs=1e-9 * FLOW)
     fall = 2 * POISEUILLE / RADIUS * (geometry.length + geometry.inlet_length)
-    assert found["pressure_inlet_Pa"] - found["pressure_outlet_Pa"] == pytest.approx(fall, rel=1e-2)
+    assert found["pressure_inlet_Pa"] - found["pressure_outlet_Pa"] == pytest.approx(fall, rel=4e-3)
     assert not {"displacement_max_m", "p_wall_mean_Pa", "p_tissue_side_Pa"} & set(found)
 
 
