@@ -16,7 +16,7 @@ from ngfsi.errors import CaseError
 from ngfsi.system.system import System
 from tests.runs import computed, largest_change
 from tests.slopes import apply
-from tests.vein import TUBE, case_of, system_of
+from tests.vein import TUBE, case_of, sections_of, system_of
 
 PRESSURE = 700.0
 FINE = TUBE.replace(mesh=MeshSettings(axial_layers=10, far_size=4e-3, vein_size=6e-3, lumen_radii=(), curving_order=2))
@@ -87,10 +87,17 @@ def test_cuffs_that_cover_all_are_pressure_on_the_skin() -> None:
 
 
 def test_the_vein_narrows_under_the_cuff() -> None:
-    run = computed(case_of(TUBE.replace(**{"mesh.axial_layers": 4}), **{"time.end": 0.1, "loads.cuffs": (
+    """By sections it expels what its volume loses, by Gauss's rule in each layer: a wall that narrows unevenly also
+    moves along the vein, without which they would lack 0.5 %."""
+    layers = 4
+    run = computed(case_of(TUBE.replace(**{"mesh.axial_layers": layers}), **{"time.end": 0.1, "loads.cuffs": (
         cuff(start=0.006, end=1.0).replace(pressure=PressureRamp(final=2000.0, duration=0.1)),)}))  # fmt: skip
     lost = [1 - run[f"area_z{station:02d}_m2"][-1] / run[f"area_z{station:02d}_m2"][0] for station in (0, 10)]
     assert lost[1] > 1.2 * lost[0]
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    heights = TUBE.length / layers * np.add.outer(np.arange(layers), (nodes + 1) / 2).ravel()
+    total = TUBE.length / layers / 2 * np.dot(np.tile(weights, layers), sections_of(run.system, heights).area_rates)
+    assert total == pytest.approx(run["lumen_volume_rate_m3_s"][-1], rel=2e-4)
 
 
 def test_blood_comes_back_through_the_outlet_while_the_vein_refills() -> None:
