@@ -46,8 +46,9 @@ class Lumen(ConfigModel):
 
     @property
     def vessels(self) -> tuple[Vessel, ...]:
-        outlets = tuple(name for name in self.ends if name != "inlet")
-        return (Vessel(wall=None, outer=None, outlets=outlets, radius=self.radius),)
+        inlets = tuple(name for name in self.ends if name.startswith("inlet"))
+        outlets = tuple(name for name in self.ends if name not in inlets)
+        return (Vessel(wall=None, outer=None, inlets=inlets, outlets=outlets, radius=self.radius),)
 
     @property
     def boundary_names(self) -> tuple[str, ...]:
@@ -67,6 +68,9 @@ class Lumen(ConfigModel):
             names = [name for name, at in self.ends.items() if np.linalg.norm(middle - at) < 1e-2 * self.radius]
             face.name = names[0] if names else "interface"
         return body
+
+    def mesh_attempts(self) -> tuple[str, ...]:
+        return ("one size",)
 
     def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002
         return occ.OCCGeometry(self.body).GenerateMesh(maxh=self.largest)
@@ -102,7 +106,7 @@ class BentLumen(Lumen):
 
 
 class Tubes(Lumen):
-    """A straight tube from the inlet to a fork, and from there one to each outlet.
+    """A straight tube from the inlet to a fork, and from there one to each outlet, or further inlet.
 
     Attributes:
         inlet, fork: m

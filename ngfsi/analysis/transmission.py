@@ -35,7 +35,7 @@ class Surroundings:
 
     @classmethod
     def of(cls, run: StoredRun, time: float) -> Surroundings:
-        """Return what is stored nearest to `time` (s) around the vessel.
+        """Return what is stored nearest to `time` (s) around the vessel, of a branched one around its centreline.
 
         Raises:
             OutputError: the vessel has no wall in tissue, or the run holds no hydrostatic pressure.
@@ -54,6 +54,7 @@ class Surroundings:
         ]
         around, wall = (np.asarray(part.points - part.point_data[DISPLACEMENT], dtype=float) for part in parts)
         there = cKDTree(wall).query(around)[0] < SAME_NODE * found.radius
+        there[there] = found.has_near(around[there])
         angle, _ = found.course.around(around[there])
         return cls(angle, np.asarray(parts[0].point_data[PRESSURE], dtype=float)[there])
 

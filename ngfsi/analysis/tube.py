@@ -55,9 +55,13 @@ def tube_laws(run: StoredRun, against: Against = "skin") -> Mapping[str, list[Fi
     """Return each law of `LAWS` fitted at each station over the times of a run, the best law first.
 
     Raises:
-        OutputError: as of `transmural`, or the vessel has a rigid wall.
+        OutputError: as of `transmural`, or the vessel has a rigid wall or branches.
         SolverError: a law does not fit, e.g. since the transmural pressure or the area hardly changes.
     """
+    if run.own_vessel.further:
+        raise OutputError(
+            f"the vessel in '{run.path}' is branched: tube laws are of vessels with one inlet and one outlet"
+        )
     if run.own_vessel.wall is None:
         raise OutputError(f"the run in '{run.path}' has a rigid wall: its area follows no tube law")
     pressure, area = transmural(run, against), areas(run)

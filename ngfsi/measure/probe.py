@@ -10,13 +10,13 @@ import numpy as np
 from ngsolve import InnerProduct
 
 from ngfsi.conditions import PressureOn
+from ngfsi.measure.branch import Branch, Layers
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.plane import PlaneSectionProbe
-from ngfsi.measure.sections import STATIONS, Sections
+from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.side import Side
-from ngfsi.measure.transmural import WallLoad
 from ngfsi.measure.wall import ShearStatistics, Wall
-from ngfsi.mesh.centreline import find_centrelines
+from ngfsi.mesh.centreline import Centreline, find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
@@ -59,23 +59,26 @@ class VesselProbe:
     """Measurements of one vessel with blood in it, in 3-D.
 
     Attributes:
-        sections: between which the flow and the causes of SAWSS are taken; `outlines`: those that are written.
-        load: pressures on the wall from inside and outside; None where there is no tissue around it.
+        branches: what is measured along each centreline, by its name; along the first one also as `sections` and
+            `load`.
+        outside: region of the tissue around the wall; None: there is none.
     """
 
     def __init__(self, system: System, vessel: Vessel) -> None:
         self.system, self.vessel, self.domain = system, vessel, system.domain
         lines = find_centrelines(system.domain, vessel)
-        line = lines[0]
         self.wall = Wall(system, vessel, lines)
-        self.sections = Sections(system, vessel, line)
-        self.outlines = Sections(system, vessel, line, line.stations(system.case.output.stations))
-        outside = system.domain.beyond(vessel)
+        self.outside = outside = system.domain.beyond(vessel)
         self._sides = {name: Side(system, name) for name in (vessel.wall, outside) if name and outside}
-        self.load = WallLoad(system, self.sections, self._sides[outside], outside) if outside else None
-        self.outside = outside
-        self.shear = self.consistent_shear = NO_SHEAR
         self.integral = Integrals(self.domain.mesh)
+        self._layers = Layers(system, vessel) if vessel.branched else None
+        tissue = (self._sides[outside], outside) if outside else None
+        self.branches = {
+            name: Branch(system, vessel, name, line, tissue, self._layers, self.integral)
+            for name, line in zip(vessel.branches, lines, strict=True)
+        }
+        self.sections, self.load = self.branches[""].sections, self.branches[""].load
+        self.shear = self.consistent_shear = NO_SHEAR
         self._define()
 
     def refresh(self) -> None:
@@ -83,21 +86,22 @@ class VesselProbe:
         for side in self._sides.values():
             side.refresh()
         self.wall.refresh()
-        self.sections.refresh(self.wall.field)
-        if self.load:
-            self.load.refresh()
+        if self._layers:
+            self._layers.refresh()
+        for branch in self.branches.values():
+            branch.refresh(self.wall.field)
         self.shear = self.wall.statistics(self.system.case.output.low_shear)
         self.consistent_shear = self.wall.statistics(method="consistent")
         self.integral.forget()
 
     def summary(self) -> dict[str, Any]:
         """Return what readers of the run must know of the vessel, for the manifest."""
-        vessel, line = self.vessel, self.sections.line
-        points = line.points(line.stations(2 if line.straight else DRAWN))
+        vessel = self.vessel
+        lines = {name: {"length_m": branch.line.length, "centreline_m": _drawn(branch.line)}
+                 for name, branch in self.branches.items()}  # fmt: skip
         return {"lumen": vessel.lumen, "interface": vessel.interface, "wall": vessel.wall, "outer": vessel.outer,
                 "inlets": list(vessel.inlets), "outlets": list(vessel.outlets), "radius_m": vessel.radius,
-                "length_m": self.sections.line.length, "stations": STATIONS,
-                "centreline_m": points.tolist()}  # fmt: skip
+                "stations": STATIONS, **lines.pop(""), **({"branches": lines} if lines else {})}  # fmt: skip
 
     def inflow(self) -> float:
         """Return the flow into the vessel through all inlets (m3/s)."""
@@ -148,6 +152,12 @@ class VesselProbe:
             k, within = Kinematics(ng.Grad(system.motion)), self.domain.dx(wall)
             p = terms.hydrostatic_pressure(system.solids[wall], system.deformation_gradient()).Compile()
             self.integral.define(**{f"p*size {wall}": (p * k.J).Compile() * within, f"size {wall}": k.J * within})
+
+
+def _drawn(line: Centreline) -> list[list[float]]:
+    """Return the points (n, 3) [m] by which a centreline is stored."""
+    points: list[list[float]] = line.points(line.stations(2 if line.straight else DRAWN)).tolist()
+    return points
 
 
 class Probe:

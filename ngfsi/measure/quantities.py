@@ -1,7 +1,10 @@
 """The columns of a run's time series: each quantity is one object from which column, label and meaning follow.
 
-Quantities are registered (`ngfsi.quantities`): a `Quantity` of the system or of each vessel, or several of them in
-a tuple. Columns of a vessel other than the first begin with its name.
+Quantities are registered (`ngfsi.quantities`): a `Quantity` of the system, of each vessel or at a station along each
+vessel, or several of them in a tuple. Columns of a vessel other than the first begin with its name. A branched vessel
+has stations along the centreline to each outlet, and from each further inlet: the number of the station ends the name,
+as in `area_z05_m2`, and on centrelines other than the first the opening's name is before it, as in
+`area_outlet_2_z05_m2`.
 """
 
 from __future__ import annotations
@@ -15,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi import registry
+from ngfsi.materials.fluid.law import FluidLaw
+from ngfsi.measure.branch import Branch
 from ngfsi.measure.probe import Probe, VesselProbe
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.shape import Shape
@@ -34,9 +39,11 @@ class Quantity:
         name: as in the column, without unit.
         unit: suffix of the column, an SI unit; "1" for pure numbers.
         description: for table heads and plots.
-        evaluate: value of the present state, of a `Probe`, or of a `VesselProbe` if it is one `of_vessel`.
+        evaluate: value of the present state, of a `Probe`, or of a `VesselProbe` if it is one `of_vessel`, or of a
+            `Branch` if it has a `station`.
         applies: whether the model has it.
         of_vessel: whether each vessel has one.
+        station: number of the station along each centreline of each vessel at which it is; None: at none.
     """
 
     name: str
@@ -45,10 +52,22 @@ class Quantity:
     evaluate: Callable[[Any], float]
     applies: Callable[[Any], bool] = _always
     of_vessel: bool = False
+    station: int | None = None
 
-    def column(self, vessel: str = "") -> str:
-        """Return the name of the column in series.csv."""
-        return f"{vessel}_{self.name}_{self.unit}" if vessel else f"{self.name}_{self.unit}"
+    def column(self, vessel: str = "", branch: str = "") -> str:
+        """Return the name of the column in series.csv, of a vessel and, at a station, of one of its centrelines."""
+        place = "" if self.station is None else f"z{self.station:02d}"
+        return "_".join(filter(None, (vessel, self.name, branch, place, self.unit)))
+
+    def owners(self, probe: Probe) -> Iterator[tuple[str, Any]]:
+        """Return column and argument of `evaluate` of each system, vessel or centreline that may have it."""
+        if self.station is not None:
+            for name, vessel in probe.vessels.items():
+                yield from ((self.column(name, branch), along) for branch, along in vessel.branches.items())
+        elif self.of_vessel:
+            yield from ((self.column(name), vessel) for name, vessel in probe.vessels.items())
+        else:
+            yield self.column(), probe
 
 
 def row(probe: Probe) -> dict[str, float]:
@@ -58,10 +77,9 @@ def row(probe: Probe) -> dict[str, float]:
 
 def _columns(probe: Probe) -> Iterator[tuple[str, Callable[[], float]]]:
     for quantity in quantities(probe):
-        owners: dict[str, Any] = dict(probe.vessels) if quantity.of_vessel else {"": probe}
-        for name, owner in owners.items():
+        for column, owner in quantity.owners(probe):
             if quantity.applies(owner):
-                yield quantity.column(name), partial(quantity.evaluate, owner)
+                yield column, partial(quantity.evaluate, owner)
 
 
 def quantities(probe: Probe) -> list[Quantity]:
@@ -79,10 +97,13 @@ def quantities(probe: Probe) -> list[Quantity]:
 
 
 def _reynolds(p: VesselProbe) -> float:
-    blood, areas = p.system.blood, p.sections.areas
-    flows = np.abs(p.sections.local_flows(p.inflow()))
+    return max(_largest_reynolds(p.system.blood, branch) for branch in p.branches.values())
+
+
+def _largest_reynolds(blood: FluidLaw, branch: Branch) -> float:
+    flows, areas = np.abs(branch.flows), branch.sections.areas
     diameters = np.sqrt(4 * areas / np.pi)
-    return float(np.max(blood.density * flows / areas * diameters / blood.nominal_viscosity))
+    return float(np.nanmax(blood.density * flows / areas * diameters / blood.nominal_viscosity))
 
 
 def _developed(p: VesselProbe, flows: NDArray[np.float64], shape: Shape | None = None) -> float:
@@ -96,14 +117,14 @@ def _developed(p: VesselProbe, flows: NDArray[np.float64], shape: Shape | None =
 
 
 def _along(
-    name: str, unit: str, description: str, values: Callable[[VesselProbe], NDArray[np.float64]],
+    name: str, unit: str, description: str, values: Callable[[Branch], NDArray[np.float64]],
     applies: Callable[[Any], bool] = _always,
 ) -> list[Quantity]:  # fmt: skip
-    """Return a quantity at each station along a vessel; `{}` in the description is its number."""
+    """Return a quantity at each station along the centrelines; `{}` in the description is its number."""
 
     def at(index: int) -> Quantity:
-        return Quantity(f"{name}_z{index:02d}", unit, description.format(index),
-                        lambda probe: float(values(probe)[index]), applies, of_vessel=True)  # fmt: skip
+        return Quantity(name, unit, description.format(index), lambda branch: float(values(branch)[index]), applies,
+                        station=index)  # fmt: skip
 
     return [at(index) for index in range(STATIONS)]
 
@@ -156,8 +177,16 @@ def _has_given_outlet(p: VesselProbe) -> bool:
     return hasattr(p.system.conditions[p.vessel.outlets[0]], "given_pressure")
 
 
-def _has_load(p: VesselProbe) -> bool:
+def _has_load(p: VesselProbe | Branch) -> bool:
     return p.load is not None
+
+
+def _branched(p: VesselProbe | Branch) -> bool:
+    return p.vessel.branched
+
+
+def _unbranched(p: VesselProbe) -> bool:
+    return not _branched(p)
 
 
 def _has_wall(p: VesselProbe) -> bool:
@@ -183,7 +212,7 @@ VESSEL: tuple[Quantity, ...] = (
     _of_vessel("outlet_pressure", "Pa", "blood pressure at the outlet", _given_outlet, _has_given_outlet),
     _of_vessel("lumen_volume", "m3", "volume of the lumen", lambda p: p.integral("lumen volume")),
     _of_vessel("lumen_area_mean", "m2", "volume of the lumen over the length of the vessel",
-               lambda p: p.integral("lumen volume") / p.sections.line.length),
+               lambda p: p.integral("lumen volume") / p.sections.line.length, _unbranched),
     *_along("area", "m2", f"lumen area at station {{}} of 0 (inlet) to {STATIONS - 1} (outlet)",
             lambda p: p.sections.areas),
     _of_vessel("sawss", "Pa", "wall shear stress, mean over the deformed wall", lambda p: p.shear.mean),
@@ -191,6 +220,7 @@ VESSEL: tuple[Quantity, ...] = (
     _of_vessel("wss_max", "Pa", "largest wall shear stress", lambda p: p.shear.largest),
     _of_vessel("wss_low_area", "1", "fraction of the wall's area with low wall shear stress", lambda p: p.shear.low),
     *_along("wss", "Pa", "wall shear stress, mean around station {}", lambda p: p.sections.shears),
+    *_along("flow", "m3_s", "flow through station {}, towards the outlet", lambda p: p.flows, _branched),
     *_along("p_blood", "Pa", "pressure of the blood on the axis at station {}", lambda p: p.sections.blood),
     *_along("p_transmural", "Pa", "pressure of the blood less that of the tissue on the wall (normal traction), at "
             "station {}", lambda p: p.sections.blood - p.load.tissue, _has_load),  # type: ignore[union-attr]
@@ -198,12 +228,12 @@ VESSEL: tuple[Quantity, ...] = (
                lambda p: p.consistent_shear.mean),
     _of_vessel("sawss_poiseuille_inlet", "Pa",
                "SAWSS of developed flow with the same local area and the flow of the inlet",
-               lambda p: _developed(p, np.full_like(p.sections.areas, p.inflow()))),
+               lambda p: _developed(p, np.full_like(p.sections.areas, p.inflow())), _unbranched),
     _of_vessel("sawss_poiseuille_local", "Pa", "SAWSS of developed flow with the same local area and flow",
-               lambda p: _developed(p, p.sections.local_flows(p.inflow()))),
+               lambda p: _developed(p, p.branches[""].flows), _unbranched),
     _of_vessel("sawss_ellipse_local", "Pa",
                "SAWSS of developed flow in ellipses with the same local area, axes and flow",
-               lambda p: _developed(p, p.sections.local_flows(p.inflow()), Shape.of(p.sections))),
+               lambda p: _developed(p, p.branches[""].flows, Shape.of(p.sections)), _unbranched),
     _of_vessel("p_tissue_side", "Pa", "hydrostatic pressure at the outer face of the vein wall, tissue side",
                lambda p: p.solid_pressure(str(p.outside), "outer"), _has_load),
     _of_vessel("p_wall_side", "Pa", "hydrostatic pressure at the outer face of the vein wall, wall side",

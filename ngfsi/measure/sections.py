@@ -39,7 +39,8 @@ class Sections:
     Attributes:
         stations: (stations,) arc length along the centreline, m.
         outlines: of the present state.
-        whole: (stations,) whether the outline lies in the plane.
+        whole: (stations,) whether the outline is that of a section in the plane.
+        missing: (stations,) whether planes are known to cut no section, as in a fork; the ends are taken as they are.
         points: (arcs, points, 3) at the outlines' Gauss points, m.
         areas, area_rates, perimeters: (stations,) m2, m2/s, m; a rate is that in the fixed plane.
         shears: (stations,) wall shear stress, mean over the outline, Pa; of `shear` in `refresh`.
@@ -64,6 +65,8 @@ class Sections:
         inside = self.stations + np.where(self.stations > self.line.length / 2, -shift, shift)
         self.centres, self.normals = self.line.points(inside), self.line.tangents(inside)
         self._blood: Array | None = None
+        self._between = (self.stations > 0) & (self.stations < self.line.length)
+        self.missing = np.zeros(len(self.stations), dtype=bool)
         self.areas, self.area_rates, self.perimeters, self.shears = np.zeros((4, len(self.stations)))
 
     def refresh(self, shear: ng.CoefficientFunction | None = None) -> None:
@@ -86,7 +89,10 @@ class Sections:
         off = np.abs(np.sum((self.points - self.outlines.spread(self.centres)) * normal, axis=2)).max(axis=1)
         strays = self.outlines.station[off > IN_PLANE * self.vessel.radius]
         there, away = (np.bincount(of, minlength=len(self.stations)) > 0 for of in (self.outlines.station, strays))
-        self.whole = there & ~away
+        self.whole = there & ~away & ~(self.missing & self._between)
+        if self.vessel.branched:
+            for values in (self.areas, self.area_rates, self.perimeters):
+                values[self._between & ~self.whole] = np.nan
         if shear is not None:
             sizes = np.linalg.norm(surface.values(surface.coefficients(shear), self.outlines), axis=2)
             self.shears = self.outlines.integral(sizes * lengths) / self.perimeters
@@ -125,8 +131,10 @@ class Sections:
 
     @property
     def rings(self) -> Array:
-        """Points (stations, RING_POINTS, 3) at even lengths around each outline, m."""
-        return self.outlines.rings(self.points, RING_POINTS)
+        """Points (stations, RING_POINTS, 3) at even lengths around each outline, m; NaN where there is no section."""
+        rings = self.outlines.rings(self.points, RING_POINTS)
+        rings[np.isnan(self.areas)] = np.nan
+        return rings
 
     def across(self, centres: Array, normals: Array) -> tuple[Outlines, Array]:
         """Return outlines in any planes, as far as the material reaches, and their points (arcs, points, 3) [m].
@@ -136,6 +144,12 @@ class Sections:
         """
         outlines = self._surface.cut(self._place, centres, normals, self._arc_points)
         return outlines, self._surface.values(self._place, outlines)
+
+    def in_reference(self) -> tuple[Outlines, Array]:
+        """Return the outlines of the reference shape, and their points (arcs, points, 3) [m]."""
+        place = self._surface.coefficients(ng.CF((ng.x, ng.y, ng.z)))
+        outlines = self._surface.cut(place, self.centres, self.normals, self._arc_points)
+        return outlines, self._surface.values(place, outlines)
 
     def local_flows(self, inflow: float) -> Array:
         """Return the flow (m3/s) through each station, from the inflow and the rates of area before it."""

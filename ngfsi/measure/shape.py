@@ -5,6 +5,7 @@ SciPy is loaded when there is something to measure, as in `sections`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -51,7 +52,8 @@ class Shape:
 
         Their outlines, perpendicular to the centreline of the mesh, are looked at along the present axis: exact where
         the vessel is a cylinder, straight or oblique, from one side of the outline to the other. Where a free end has
-        moved in, planes before it cut no whole outline: there stands the nearest section that is whole.
+        moved in, planes before it cut no whole outline: there stands the nearest section that is whole. In a branched
+        vessel, where centroids jump at a fork, the axis is the centreline of the mesh.
 
         Args:
             cut: cut the vessel anew, perpendicular to its axis, as a curved one needs; where such a plane leaves the
@@ -62,6 +64,8 @@ class Shape:
         if len(whole) < 2:
             whole = numbers
         nearest = np.argmin(np.abs(numbers[:, None] - whole), axis=1)
+        if sections.vessel.branched:
+            return cls._of_outlines(outlines, points, sections.stations, whole, sections.normals)._taken(nearest)
         found = cls._of_outlines(outlines, points, sections.stations, whole)
         for _ in range(CUTS if cut else 0):
             planes = found.centre.copy(), found.axis.copy()
@@ -74,16 +78,22 @@ class Shape:
         return found._taken(nearest)
 
     @classmethod
-    def _of_outlines(cls, outlines: Outlines, points: Array, stations: Array, those: NDArray[np.int64]) -> Self:
-        """Return the shape of some of the outlines at stations, from their points (arcs, points, 3)."""
+    def _of_outlines(
+        cls, outlines: Outlines, points: Array, stations: Array, those: NDArray[np.int64], axis: Array | None = None
+    ) -> Self:
+        """Return the shape of some of the outlines at stations, from their points (arcs, points, 3).
+
+        Args:
+            axis: (stations, 3); None: that of the curve through the centroids.
+        """
         from scipy.interpolate import CubicSpline
 
         spread, integral, tangents = outlines.spread, outlines.integral, outlines.derivative(points)
         centre = outlines.centroids(points)
         for _ in range(2):  # the centroid is known once the plane is, which needs the axis: a rough one first
-            axis = CubicSpline(stations[those], centre[those])(stations, 1)
-            axis /= np.linalg.norm(axis, axis=1)[:, None]
-            first, second = across(axis)
+            along = CubicSpline(stations[those], centre[those])(stations, 1) if axis is None else axis
+            along = along / np.linalg.norm(along, axis=1)[:, None]
+            first, second = across(along)
             x, y = (np.sum((points - spread(centre)) * spread(way), axis=2) for way in (first, second))
             dx, dy = (np.sum(tangents * spread(way), axis=2) for way in (first, second))
             area = integral(x * dy - y * dx) / 2
@@ -97,7 +107,7 @@ class Shape:
         size = np.sqrt(area / np.pi)
         found = cls(
             centre=centre,
-            axis=axis,
+            axis=along,
             area=area,
             perimeter=perimeter,
             hydraulic_diameter=4 * area / perimeter,
@@ -112,9 +122,8 @@ class Shape:
         """Return the shapes of those sections."""
         return replace(self, **{field.name: getattr(self, field.name)[numbers] for field in fields(self)})
 
-    def rows(self, time: float, vessel: int | None = None) -> list[dict[str, float]]:
-        """Return a row of a table for each station; time in s; `vessel`: its number where there are several."""
-        of: dict[str, float] = {"time_s": time} if vessel is None else {"time_s": time, "vessel": vessel}
+    def rows(self, of: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return a row of a table for each station, each of which begins with the columns `of`."""
         return [
             {
                 **of,

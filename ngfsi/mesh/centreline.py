@@ -164,7 +164,7 @@ def _found(domain: Domain, vessel: Vessel, inlet: str, outlet: str) -> Centrelin
         areas = np.where(cut.whole, cut.enclosed(points - cut.spread(line.points(at)), cut.derivative(points)), np.inf)
         window = np.abs(at[:, None] - at) < WINDOW * radius
         smallest = np.where(window, areas, np.inf).min(axis=1)
-        middles, weights = cut.centroids(points)[cut.whole], (smallest / areas)[cut.whole] ** POWER
+        middles, weights = cut.centroids(points)[cut.whole], (smallest[cut.whole] / areas[cut.whole]) ** POWER
         line = Centreline(_smooth(np.vstack([first, middles, last]), np.concatenate([[HOLD], weights, [HOLD]])))
     return line
 

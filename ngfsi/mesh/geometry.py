@@ -44,6 +44,17 @@ class Vessel:
         """All inlets and outlets."""
         return *self.inlets, *self.outlets
 
+    @property
+    def branches(self) -> tuple[str, ...]:
+        """Name of each centreline: none for that from the first inlet to the first outlet; of others the opening to
+        which they lead from the first inlet, or from which they lead to the first outlet."""
+        return "", *self.outlets[1:], *self.inlets[1:]
+
+    @property
+    def branched(self) -> bool:
+        """Whether there are several inlets or outlets."""
+        return len(self.branches) > 1
+
 
 class Geometry(Protocol):
     """What `Domain` needs to know of a geometry; lengths in metres."""

@@ -60,7 +60,8 @@ class Chart:
     """A chart of those runs that have what it shows.
 
     Attributes:
-        of: "vessel": one for each vessel; "run": one for each run; "all": one for all.
+        of: "vessel": one for each vessel; "branch": one for each centreline of each vessel; "run": one for each run;
+            "all": one for all.
         make: returns the figure; of the runs, or of one run.
         has: whether a run has what it shows.
         note: below it, or what returns that for the runs.
@@ -163,20 +164,30 @@ def _named(folders: Sequence[Path]) -> dict[str, StoredRun]:
     return dict(zip(names, opened, strict=True))
 
 
-def _vessels(runs: Runs, has: Callable[[StoredRun], bool]) -> list[tuple[str, Runs]]:
-    """Return for each vessel what its titles end with, and those runs, as if of it alone, that have something."""
-    views: dict[str, dict[str, StoredRun]] = {}
+def _vessels(runs: Runs, has: Callable[[StoredRun], bool], *, branches: bool = False) -> list[tuple[str, Runs]]:
+    """Return for each vessel what its titles end with, and those runs, as if of it alone, that have something.
+
+    Args:
+        branches: the same for each further centreline of a branched vessel.
+    """
+    views: dict[tuple[str, ...], dict[str, StoredRun]] = {}
     for title, run in runs.items():
-        for name in run.vessels or ("",):
+        for name, vessel in run.vessels.items() or {"": None}.items():
             view = run.of_vessel(name) if len(run.vessels) > 1 else run
-            if has(view):
-                views.setdefault(name, {})[title] = view
-    return [(f", {name}" if name else "", found) for name, found in views.items()]
+            for branch in ("", *(vessel.further if vessel and branches else ())):
+                along = view.of_branch(branch) if branch else view
+                if has(along):
+                    views.setdefault((name, branch), {})[title] = along
+    return [("".join(f", {part}" for part in names if part), found) for names, found in views.items()]
 
 
 def _holds(*columns: str) -> Callable[[StoredRun], bool]:
     """Return whether the series of a run has columns."""
     return lambda run: set(columns) <= set(run.series)
+
+
+def _is_branched(run: StoredRun) -> bool:
+    return bool(run.vessels and run.own_vessel.further)
 
 
 def _has_wall_fields(run: StoredRun) -> bool:
@@ -255,6 +266,9 @@ CHARTS = (
     Chart("Area of the lumen", "vessel",
           _share_of_start("lumen_area_mean_m2", "mean area [% of t = 0]"),
           _holds("lumen_area_mean_m2")),
+    Chart("Volume of the lumen", "vessel",
+          _share_of_start("lumen_volume_m3", "volume [% of t = 0]"),
+          lambda run: _is_branched(run) and "lumen_volume_m3" in run.series),
     Chart("Area of the lumen in the section", "vessel",
           _share_of_start("lumen_area_m2", "area [% of t = 0]"),
           _holds("lumen_area_m2")),
@@ -268,15 +282,21 @@ CHARTS = (
                                     "developed flow": ("sawss_poiseuille_local_Pa", 1.0)}, ("developed flow",)),
           _holds("sawss_Pa", "sawss_poiseuille_local_Pa"),
           "Dashed: developed flow in circles of the same local area, with the same local flow."),
+    Chart("Wall shear stress, mean", "vessel", _over_time("SAWSS [Pa]", {"computed": ("sawss_Pa", 1.0)}),
+          lambda run: _is_branched(run) and "sawss_Pa" in run.series,
+          "Over the walls of all branches."),
     Chart("Why it rises", "vessel", charts.causes, _holds(*STAGES.values()), _causes_note),
-    Chart("Along the vein: area", "vessel",
+    Chart("Along the vein: area", "branch",
           lambda runs: charts.along_vein(runs, "area", "m2", 1e6, "lumen area [mm²]"), _holds("area_z00_m2"),
           "Dotted: t = 0."),
-    Chart("Along the vein: wall shear stress", "vessel",
+    Chart("Along the vein: wall shear stress", "branch",
           lambda runs: charts.along_vein(runs, "wss", "Pa", 1.0, "WSS, mean around [Pa]"), _holds("wss_z00_Pa"),
           "Dotted: t = 0."),
-    Chart("Outline of the lumen at mid-length", "vessel", charts.outlines, _has_outlines, "Grey: t = 0."),
-    Chart("Wall shear stress on the unrolled vein", "vessel", charts.unrolled, _has_wall_fields, "At the last time."),
+    Chart("Along the vein: flow", "branch",
+          lambda runs: charts.along_vein(runs, "flow", "m3_s", 1e6, "flow [ml/s]"), _holds("flow_z00_m3_s"),
+          "Dotted: t = 0. It changes at a fork by what other branches take or bring."),
+    Chart("Outline of the lumen at mid-length", "branch", charts.outlines, _has_outlines, "Grey: t = 0."),
+    Chart("Wall shear stress on the unrolled vein", "branch", charts.unrolled, _has_wall_fields, "At the last time."),
     Chart("Hydrostatic pressure in the calf", "all", charts.cut, _has_solids,
           "-tr(sigma)/3, compression positive, at mid-length at the last time; bones and lumen are left out."),
     Chart("Pressure of the tissue around the vein", "vessel", charts.around, _has_tissue, _transmission_note),
@@ -294,7 +314,7 @@ CHARTS = (
           "Lower half of the segment, moved along the mode; colour: its relative size."),
 )  # fmt: skip
 TUBE_CHARTS = (
-    Chart("Along the vein: transmural pressure", "vessel",
+    Chart("Along the vein: transmural pressure", "branch",
           lambda runs: charts.along_vein(runs, "p_transmural", "Pa", 1e-3, "transmural pressure [kPa]"),
           _holds("p_transmural_z00_Pa"),
           "Blood less tissue: its normal traction on the wall, mean around. Dotted: t = 0."),
@@ -306,8 +326,9 @@ def _charts(runs: Runs, chosen: Sequence[Chart] = CHARTS) -> list[Drawn]:
     """Return title, maker and note of each chart of which some run has what it shows."""
     found: list[Drawn] = []
     for chart in chosen:
-        if chart.of == "vessel":
-            views = [(f"{chart.title}{of}", able, able) for of, able in _vessels(runs, chart.has)]
+        if chart.of in ("vessel", "branch"):
+            able_to = _vessels(runs, chart.has, branches=chart.of == "branch")
+            views = [(f"{chart.title}{of}", able, able) for of, able in able_to]
         else:
             some: Runs = {title: run for title, run in runs.items() if chart.has(run)}
             views = [(chart.title, some, some)] if some and chart.of == "all" else []
@@ -423,7 +444,9 @@ def _value(value: Any) -> str:
 
 def _has_tube_law(run: StoredRun) -> bool:
     """Return whether areas of a vessel with a wall, under loads that change, are known."""
-    if not (run.vessels and run.own_vessel.wall and "area_z00_m2" in run.series and externals(run)):
+    if _is_branched(run) or not (
+        run.vessels and run.own_vessel.wall and "area_z00_m2" in run.series and externals(run)
+    ):
         return False
     return all(np.ptp(transmural(run, against)) for against in externals(run))
 

@@ -64,18 +64,20 @@ def middle(run: StoredRun) -> Frame:
 def unroll(run: StoredRun) -> tuple[Array, Array, Array]:
     """Return angles [deg], positions [mm] and wall shear stress [Pa] (positions, angles) of the last stored wall.
 
-    Angle and position are those of a point of the wall at the first stored time.
+    Angle and position are those of a point of the wall at the first stored time; of a branched vessel those points are
+    taken that are around its centreline.
     """
     from scipy.interpolate import griddata
 
-    times = run.field_times("wall")
+    times, vessel = run.field_times("wall"), run.own_vessel
     place, values = run.fields(times[0], "wall").points, run.fields(times[-1], "wall").point_data[SHEAR]
-    turned, position = run.own_vessel.course.around(np.asarray(place, dtype=float))
+    near = vessel.has_near(np.asarray(place, dtype=float))
+    turned, position = vessel.course.around(np.asarray(place, dtype=float)[near])
     angle, position = np.degrees(turned), position * 1e3
     known = np.column_stack([np.concatenate([angle + turn for turn in (-360, 0, 360)]), np.tile(position, 3)])
     angles, positions = np.linspace(-180, 180, AROUND), np.linspace(position.min(), position.max(), ALONG)
     wanted = tuple(np.meshgrid(angles, positions))
     # degrees and millimetres are of like size, which the triangulation needs
-    values = np.tile(np.asarray(values, dtype=float), 3)
+    values = np.tile(np.asarray(values, dtype=float)[near], 3)
     linear, nearest = (griddata(known, values, wanted, method=method) for method in ("linear", "nearest"))
     return angles, positions, np.where(np.isfinite(linear), linear, nearest)

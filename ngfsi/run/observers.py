@@ -110,12 +110,18 @@ class VolumeFields(Observer):
                     self._folder.log(f"t = {time:.6g} s: no stability: {error}")
         with self._watch("output"):
             self._writer.write(time)
-            vessels = list(self._probe.vessels.values())
-            for number, vessel in enumerate(vessels):
-                vessel.outlines.refresh()
-                of = number if len(vessels) > 1 else None
-                self._folder.append("outlines", *outline_rows(time, vessel.outlines.rings, of))
-                self._folder.append("shape", *Shape.of(vessel.outlines, cut=True).rows(time, of))
+            for number, vessel in enumerate(self._probe.vessels.values()):
+                for branch, along in enumerate(vessel.branches.values()):
+                    of = {"time_s": time, **self._numbers(number, branch)}
+                    along.outlines.refresh()
+                    self._folder.append("outlines", *outline_rows(of, along.outlines.rings))
+                    self._folder.append("shape", *Shape.of(along.outlines, cut=True).rows(of))
+
+    def _numbers(self, vessel: int, branch: int) -> dict[str, float]:
+        """Return the columns that tell vessels and their centrelines apart, where there are several."""
+        vessels = self._probe.vessels.values()
+        of_vessel: dict[str, float] = {"vessel": vessel} if len(vessels) > 1 else {}
+        return of_vessel | ({"branch": branch} if any(len(one.branches) > 1 for one in vessels) else {})
 
     def looked_at(self, time: float) -> bool:
         """Whether the fields at a time have been written."""

@@ -4,7 +4,8 @@
     manifest.json   status, versions, commit, machine, mesh, unknowns, timings
     series.csv      one row of quantities per step, SI units in the column names, `_1` for pure numbers
     costs.csv       iterations, factorisations and seconds of each step: what differs between two equal runs
-    outlines.csv    cross-sections of the deformed lumen; of several vessels with their number in a column `vessel`
+    outlines.csv    cross-sections of the deformed lumen; of several vessels with their number in a column `vessel`, of
+                    branched ones with that of the centreline in a column `branch`
     shape.csv       their area, perimeter, axes ... perpendicular to the vein (see measure/shape.py)
     stability.csv   smallest eigenvalue and critical pressure, if asked for (see measure/stability.py)
     volume.pvd, wall.pvd, fields/   fields for ParaView (see fields.py)
@@ -129,15 +130,13 @@ class RunFolder:
         self._log.close()
 
 
-def outline_rows(time: float, rings: NDArray[np.float64], vessel: int | None = None) -> list[dict[str, float]]:
+def outline_rows(of: Mapping[str, float], rings: NDArray[np.float64]) -> list[dict[str, float]]:
     """Return the rows of outlines.csv for cross-sections at one time.
 
     Args:
-        time: s
+        of: columns with which each row begins.
         rings: points (stations, points, 3) [m] around each cross-section, in order.
-        vessel: its number where there are several.
     """
-    of: dict[str, float] = {"time_s": time} if vessel is None else {"time_s": time, "vessel": vessel}
     return [
         {**of, "station": station, "point": point, "x_m": x, "y_m": y, "z_m": z}
         for (station, point), (x, y, z) in zip(np.ndindex(rings.shape[:2]), rings.reshape(-1, 3), strict=True)

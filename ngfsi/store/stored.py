@@ -35,15 +35,23 @@ class StoredRun:
 
     Attributes:
         vessel: of which columns, cross-sections and walls are those without a name; None: the whole run.
+        branch: along which of the vessel's centrelines columns and cross-sections are those without a name: that to, or
+            from, the opening of that name; empty: the first.
     """
 
     path: Path
     manifest: dict[str, Any]
     vessel: str | None = None
+    branch: str = ""
 
     def of_vessel(self, name: str) -> Self:
         """Return the run as if it were that of one of its vessels alone, whose columns lose their name."""
         return replace(self, vessel=name)
+
+    def of_branch(self, name: str) -> Self:
+        """Return the run as if of one further centreline of the vessel alone: its columns along it lose the name, and
+        there are no others of the vessel."""
+        return replace(self, branch=name)
 
     @property
     def status(self) -> str:
@@ -71,10 +79,14 @@ class StoredRun:
         """The vessel that is looked at, or the first one.
 
         Raises:
-            OutputError: there is none.
+            OutputError: there is none, or no such branch of it.
         """
         if not self.vessels:
             raise OutputError(f"the run in '{self.path}' is of no vessel")
+        return self._whole_vessel.of_branch(self.branch) if self.branch else self._whole_vessel
+
+    @property
+    def _whole_vessel(self) -> StoredVessel:
         return self.vessels[self.vessel or next(iter(self.vessels))]
 
     @property
@@ -111,10 +123,13 @@ class StoredRun:
     def series(self) -> Columns:
         """Quantities over time by column, e.g. `series["lumen_volume_m3"]`; empty before the first step."""
         table = self._table("series")
-        if not self.vessel:
+        if not self.vessel and not self.branch:
             return table
-        begin = f"{self.vessel}_"
+        begin = f"{self.vessel}_" if self.vessel else ""
         own = {name.removeprefix(begin): column for name, column in table.items() if name.startswith(begin)}
+        if self.branch:
+            middle = f"_{self.branch}_z"
+            own = {name.replace(middle, "_z"): column for name, column in own.items() if middle in name}
         return {name: column for name, column in table.items() if name.startswith(COMMON)} | own
 
     @cached_property
@@ -137,10 +152,11 @@ class StoredRun:
         return self._of_vessel(self._table("outlines"))
 
     def _of_vessel(self, table: Columns) -> Columns:
-        if "vessel" not in table:
-            return table
-        chosen = table["vessel"] == self._number
-        return {name: column[chosen] for name, column in table.items()}
+        if "vessel" in table:
+            table = _chosen(table, table["vessel"] == self._number)
+        if "branch" in table:
+            table = _chosen(table, table["branch"] == self._branch_number)
+        return table
 
     def outlines(self, time: float) -> tuple[float, NDArray[np.float64]]:
         """Return the stored time [s] nearest to `time` and the vessel's cross-sections then, (stations, points, 3) [m].
@@ -187,6 +203,11 @@ class StoredRun:
         """Of the vessel, as in the fields of the walls and in outlines of several vessels."""
         return list(self.vessels).index(self.vessel or "")
 
+    @property
+    def _branch_number(self) -> int:
+        """Of the centreline, as in outlines of branched vessels."""
+        return ["", *self._whole_vessel.further].index(self.branch)
+
     def wall_history(self, start: float = 0.0, end: float = float("inf")) -> Any:
         """Return the wall's inner surface with averages over a time, as a pyvista mesh.
 
@@ -223,6 +244,10 @@ class StoredRun:
 
         path = self.path / f"{which}.pvd"
         return pyvista.get_reader(str(path)) if path.exists() else None
+
+
+def _chosen(table: Columns, rows: NDArray[np.bool_]) -> Columns:
+    return {name: column[rows] for name, column in table.items()}
 
 
 def check_folder(folder: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import OutputError
 from ngfsi.mesh.centreline import Centreline
-from ngfsi.mesh.geometry import Vessel
+from ngfsi.mesh.geometry import Point, Vessel
 
 Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
+SAME_LINE = 1.05
+"""Ratio of the distances of a point from two centrelines up to which they are one, as before a fork."""
 STEEP = 0.7
 """Cosine between a vessel and an axis from which the axis is no direction to count angles from."""
 
@@ -82,12 +84,18 @@ class Course:
 
 @dataclass(frozen=True)
 class StoredVessel(Vessel):
-    """A vessel as the manifest of a run describes it."""
+    """A vessel as the manifest of a run describes it.
+
+    Attributes:
+        further: points [m] of the other centrelines of a branched vessel, by name.
+    """
+
+    further: Mapping[str, tuple[Point, ...]] = field(default_factory=dict)
 
     @classmethod
     def of_entry(cls, name: str, entry: Mapping[str, Any]) -> StoredVessel:
         """Return what an entry of `vessels` in a manifest describes; lengths there are in m."""
-        line = tuple((float(x), float(y), float(z)) for x, y, z in entry.get("centreline_m") or ())
+        line = _points(entry)
         return cls(
             name,
             lumen=entry.get("lumen"),
@@ -98,7 +106,28 @@ class StoredVessel(Vessel):
             outlets=tuple(entry.get("outlets") or ()),
             centreline=line if len(line) > 1 else None,
             radius=float(entry.get("radius_m") or 1.0),
+            further={branch: _points(one) for branch, one in (entry.get("branches") or {}).items()},
         )
+
+    def of_branch(self, name: str) -> StoredVessel:
+        """Return the vessel with the centreline of that name as its own.
+
+        Raises:
+            OutputError: it has none of that name.
+        """
+        if name not in self.further:
+            known = ", ".join(f"'{branch}'" for branch in self.further) or "none"
+            raise OutputError(f"the vessel '{self.name or self.interface}' has no branch '{name}': it has {known}")
+        others = {"": self.centreline or (), **self.further}
+        return replace(self, centreline=others.pop(name), further=others)
+
+    def has_near(self, points: Array) -> NDArray[np.bool_]:
+        """Return which of points (n, 3) [m] of the vessel are around its centreline, and not around another of its."""
+        if not self.further:
+            return np.ones(len(points), dtype=bool)
+        lines = [self.course.line, *(Centreline(points) for points in self.further.values())]
+        away = np.array([np.linalg.norm(points - line.points(line.coordinate(points)), axis=1) for line in lines])
+        return np.asarray(away[0] <= SAME_LINE * away.min(axis=0))
 
     @cached_property
     def course(self) -> Course:
@@ -110,3 +139,8 @@ class StoredVessel(Vessel):
         if self.centreline is None:
             raise OutputError(f"the vessel '{self.name or self.interface}' has no centreline, as in a plane section")
         return Course(self.centreline)
+
+
+def _points(entry: Mapping[str, Any]) -> tuple[Point, ...]:
+    """Return the points of a centreline [m]."""
+    return tuple((float(x), float(y), float(z)) for x, y, z in entry.get("centreline_m") or ())

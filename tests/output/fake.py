@@ -57,7 +57,7 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
     for number, time in enumerate(np.arange(0, case.time.end + 1e-9, case.time.step)):
         stretch = np.sqrt(INFLATION * (1 - loss * min(time, 1.0)))
         folder.append("series", _row(case, time, stretch))
-        folder.append("outlines", *outline_rows(time, _rings(stretch)))
+        folder.append("outlines", *outline_rows({"time_s": time}, _rings(stretch)))
         folder.append("shape", *_shape(time, stretch))
         if number:
             folder.append(
@@ -76,7 +76,8 @@ def unloaded_area() -> float:
 
 
 def _row(case: Case, time: float, stretch: float) -> dict[str, float]:
-    """Every column of a real run; of those that matter to a report the values of a contracting tube."""
+    """Every column of a real run of a vein without branches; of those that matter to a report the values of a
+    contracting tube."""
     area = unloaded_area() * stretch**2
     sawss = 4 * 3.5e-3 * 2.913e-6 / (np.pi * (GEOMETRY.lumen_radius * stretch) ** 3)
     given = {
@@ -100,7 +101,7 @@ def _row(case: Case, time: float, stretch: float) -> dict[str, float]:
         given[f"area_z{station:02d}_m2"] = area
         given[f"p_blood_z{station:02d}_Pa"] = blood
         given[f"p_transmural_z{station:02d}_Pa"] = blood - 0.8 * skin
-    columns = [quantity.column() for quantity in (*SYSTEM, *VESSEL)]
+    columns = [name for quantity in (*SYSTEM, *VESSEL) if not (name := quantity.column()).startswith("flow_z")]
     columns += [f"detF_min_{region}_1" for region in ("tissue", "wall", "fluid")]
     return {"time_s": time, "step_s": case.time.step if time else 0.0} | {c: given.get(c, 1.0) for c in columns}
 

@@ -57,7 +57,7 @@ def test_outlines_return_the_rings_of_the_nearest_time(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", CASE)
     rings = np.random.default_rng(0).random((3, 2, 7, 3))
     for time, ring in zip((0.0, 0.25, 0.5), rings, strict=True):
-        folder.append("outlines", *outline_rows(time, ring))
+        folder.append("outlines", *outline_rows({"time_s": time}, ring))
     time, found = open_run(folder.path).outlines(0.3)
     assert time == 0.25
     np.testing.assert_array_equal(found, rings[1])

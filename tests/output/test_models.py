@@ -162,7 +162,7 @@ def two_vessels(path: Path) -> StoredRun:
         there = replace(sample, points=sample.points @ TURN.T + 0.3, shear=2 * sample.shear @ TURN.T)
         writer.write_wall(time, sample, there)
         for number, outlines in enumerate((rings, rings @ TURN.T + 0.3)):
-            folder.append("outlines", *outline_rows(time, outlines, number))
+            folder.append("outlines", *outline_rows({"time_s": time, "vessel": number}, outlines))
     folder.finish("completed")
     return open_run(folder.path)
 
