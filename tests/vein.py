@@ -9,7 +9,7 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from ngfsi_geometry.plane import Circle
+from ngfsi_geometry.plane import Ellipse
 from ngfsi_geometry.segment import MeshSettings, VeinSegment
 from ngfsi_geometry.tube import TubeSegment
 from ngsolve import Parameter
@@ -53,8 +53,8 @@ class BonedTube(TubeSegment):
     mesh: MeshSettings = COARSE
 
     @property
-    def bones(self) -> tuple[Circle, ...]:
-        return (Circle("tibia", -12e-3, 0.0, 2.5e-3),)
+    def bones(self) -> tuple[Ellipse, ...]:
+        return (Ellipse("tibia", -12e-3, 0.0, 2.5e-3),)
 
 
 TUBE = TubeSegment(length=10e-3, wall_thickness=2e-3, outer_radius=14e-3, mesh=COARSE)

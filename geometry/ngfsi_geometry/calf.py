@@ -16,9 +16,10 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
+from ngfsi.mesh.curving import BoundaryMotion
 from ngfsi.units import Length
-from ngfsi_geometry.plane import Circle
-from ngfsi_geometry.segment import RoundVein, VeinSegment, smooth_step
+from ngfsi_geometry.plane import Ellipse
+from ngfsi_geometry.segment import StraightVein, VeinSegment, smooth_step
 
 STILL = 0.15
 """The taper leaves alone this part of the way from the vein wall, and from each bone, to the skin."""
@@ -55,13 +56,13 @@ class CalfSegment(VeinSegment):
     skin_radius_distal: Length = Field(55e-3, gt=0, description="skin at z = 0; mid-calf circumference 35 cm")
     skin_radius_proximal: Length = Field(55e-3, gt=0, description="skin at z = length; linear taper between the ends")
     further_veins: tuple[CalfVein, ...] = ()
-    """Veins beside the first; what else is said of the vein, such as `oval`, is said of the first."""
+    """Veins beside the first; what else is said of the vein, such as its `aspect_ratio`, is said of the first."""
 
     @property
-    def veins(self) -> tuple[RoundVein, ...]:
+    def veins(self) -> tuple[StraightVein, ...]:
         """All veins, the first one of `lumen_diameter` at (`vein_x`, `vein_y`)."""
         further = enumerate(self.further_veins, start=2)
-        others = (RoundVein(k, v.x, v.y, v.lumen_diameter / 2, v.wall_thickness) for k, v in further)
+        others = (StraightVein(k, v.x, v.y, v.lumen_diameter / 2, v.wall_thickness) for k, v in further)
         return *super().veins, *others
 
     @property
@@ -70,11 +71,11 @@ class CalfSegment(VeinSegment):
         return (self.skin_radius_distal + self.skin_radius_proximal) / 2
 
     @property
-    def bones(self) -> tuple[Circle, ...]:
+    def bones(self) -> tuple[Ellipse, ...]:
         """Cross-sections of tibia and fibula."""
         return (
-            Circle("tibia", self.tibia_x, self.tibia_y, self.tibia_diameter / 2),
-            Circle("fibula", self.fibula_x, self.fibula_y, self.fibula_diameter / 2),
+            Ellipse("tibia", self.tibia_x, self.tibia_y, self.tibia_diameter / 2),
+            Ellipse("fibula", self.fibula_x, self.fibula_y, self.fibula_diameter / 2),
         )
 
     @property
@@ -95,20 +96,27 @@ class CalfSegment(VeinSegment):
         oval = super().shape_map()
         if self.taper == 0:
             return oval
+        if oval is not None:
+            return self._with_taper(oval)
         from ngsolve import CF, IfPos, sqrt, x, y, z
 
         def clip(t: Any) -> Any:
             return IfPos(t, IfPos(1 - t, t, 1), 0)
 
-        taper = self._weight(x, y, clip, sqrt) * self.taper * (2 * z / self.length - 1) * CF((x, y, 0))
-        return taper if oval is None else taper + oval
+        return self._weight(x, y, clip, sqrt) * self.taper * (2 * z / self.length - 1) * CF((x, y, 0))
+
+    def _with_taper(self, motion: BoundaryMotion) -> BoundaryMotion:
+        from ngsolve import CF, x, y, z
+
+        skin = self.taper * (2 * z / self.length - 1) * CF((x, y, 0))
+        return BoundaryMotion({**motion.by_name, self.skin.name: skin})
 
     def _weight(self, x: Any, y: Any, clip: Callable[[Any], Any], root: Callable[[Any], Any]) -> Any:
         """Return the weight of the taper at (x, y), numbers, arrays or coefficient functions: twice differentiable."""
         weight: Any = 1.0
         for body in (*self.outer_walls, *self.bones):
-            room = self.skin_radius - hypot(body.x, body.y) - body.radius
-            distance = root((x - body.x) * (x - body.x) + (y - body.y) * (y - body.y)) - body.radius
+            room = self.skin_radius - hypot(body.x, body.y) - body.semi_axes[0]
+            distance = root((x - body.x) * (x - body.x) + (y - body.y) * (y - body.y)) - body.semi_axes[0]
             t = clip((distance / room - STILL) / (1 - STILL))
             weight = weight * smooth_step(t)
         return weight

@@ -21,7 +21,7 @@ from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.units import Length
 from ngfsi_geometry.extrusion import extrude, layer_heights
-from ngfsi_geometry.plane import Circle, Ring, SectionMesh, Side, counter_clockwise
+from ngfsi_geometry.plane import Ellipse, Ring, SectionMesh, Side, counter_clockwise
 
 ON_CIRCLE = 1e-6
 """Points this close (relative) to the cylinder's radius lie on it."""
@@ -281,7 +281,7 @@ class CylinderInDuct(CylinderInChannel):
             begin, end = (v.nr - 1 for v in edge.vertices)
             name = plane.GetBCName(edge.index - 1)
             parts[name if name == "cylinder" else (name, edge.index)].append((begin, end))
-        circle = Circle("cylinder", self.cylinder_x, self.cylinder_y, self.cylinder_radius)
+        circle = Ellipse("cylinder", self.cylinder_x, self.cylinder_y, self.cylinder_radius)
         around = np.unique(parts.pop("cylinder")).astype(np.int32)
         ring = Ring(circle, around[np.argsort(circle.angles(points[around]))], None, "fluid")
         sides = [Side(name, np.array(edges, dtype=np.int32), "fluid") for (name, _), edges in parts.items()]

@@ -11,11 +11,12 @@ from typing import Any
 
 import netgen.csg as nc
 
-from ngfsi_geometry.plane import Circle
+from ngfsi_geometry.extrusion import cylinder
+from ngfsi_geometry.plane import Ellipse
 
 
 def mesh_of_solids(
-    regions: Mapping[str, tuple[Circle, Sequence[Circle]]], ends: Mapping[str, tuple[str, str]], length: float
+    regions: Mapping[str, tuple[Ellipse, Sequence[Ellipse]]], ends: Mapping[str, tuple[str, str]], length: float
 ) -> Any:
     """Return Netgen's mesh [m], straight, with its geometry and names.
 
@@ -27,10 +28,7 @@ def mesh_of_solids(
     bottom = nc.Plane(nc.Pnt(0, 0, 0), nc.Vec(0, 0, -1))
     top = nc.Plane(nc.Pnt(0, 0, length), nc.Vec(0, 0, 1))
     circles = {c.name: c for outer, holes in regions.values() for c in (outer, *holes)}
-    cylinders = {
-        name: nc.Cylinder(nc.Pnt(c.x, c.y, -length), nc.Pnt(c.x, c.y, 2 * length), c.radius).bc(name)
-        for name, c in circles.items()
-    }
+    cylinders = {name: cylinder(c, -length, 2 * length).bc(name) for name, c in circles.items()}
     for name, (outer, holes) in regions.items():
         solid = cylinders[outer.name] * bottom * top
         for hole in holes:

@@ -9,6 +9,7 @@ of outer boundaries point out of the body, those of faces between regions away f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import cos, sin
 from typing import Any
 
 import netgen.csg as csg
@@ -16,7 +17,7 @@ import netgen.meshing as nm
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi_geometry.plane import Circle, Indices, Points, SectionMesh
+from ngfsi_geometry.plane import Ellipse, Indices, Points, SectionMesh
 
 
 def extrude(section: SectionMesh, heights: Points, ends: Mapping[str, tuple[str, str]], split: bool) -> Any:
@@ -103,15 +104,24 @@ def _add_face(mesh: Any, name: str, surface: int, domains: tuple[int, int], elem
         mesh.AddElements(dim=2, index=index, data=np.ascontiguousarray(part, dtype=np.int32), base=0)
 
 
-def csg_surfaces(circles: Sequence[Circle], length: float) -> Any:
-    """Return a CSG geometry of the planes z = 0 (surface 0) and z = length (1) and one cylinder per circle (2, ...)."""
+def csg_surfaces(ellipses: Sequence[Ellipse], length: float) -> Any:
+    """Return a CSG geometry of planes at z = 0 (surface 0) and length (1) and of a cylinder per ellipse (2, ...)."""
     geometry = csg.CSGeometry()
     geometry.Add(csg.Plane(csg.Pnt(0, 0, 0), csg.Vec(0, 0, -1)))
     geometry.Add(csg.Plane(csg.Pnt(0, 0, length), csg.Vec(0, 0, 1)))
-    for circle in circles:
-        axis = csg.Pnt(circle.x, circle.y, 0), csg.Pnt(circle.x, circle.y, length)
-        geometry.Add(csg.Cylinder(*axis, circle.radius))
+    for ellipse in ellipses:
+        geometry.Add(cylinder(ellipse, 0, length))
     return geometry
+
+
+def cylinder(ellipse: Ellipse, low: float, high: float) -> Any:
+    """Return Netgen's cylinder over an ellipse, whose axis is given between two heights [m] but has no ends."""
+    base = csg.Pnt(ellipse.x, ellipse.y, low)
+    if ellipse.ratio == 1:
+        return csg.Cylinder(base, csg.Pnt(ellipse.x, ellipse.y, high), ellipse.radius)
+    (a, b), c, s = ellipse.semi_axes, cos(ellipse.direction), sin(ellipse.direction)
+    # a cone whose ends are equal
+    return csg.EllipticCone(base, csg.Vec(a * c, a * s, 0), csg.Vec(-b * s, b * c, 0), high - low, 1.0)
 
 
 def layer_heights(length: float, layers: int, end_refinement: float) -> Points:

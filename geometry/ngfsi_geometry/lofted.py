@@ -21,7 +21,7 @@ from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
 from ngfsi_geometry.extrusion import extrude
 from ngfsi_geometry.loft import Loft, coefficients
-from ngfsi_geometry.plane import Circle, Ring, SectionMesh, even_angles, fill_vein
+from ngfsi_geometry.plane import Ellipse, Ring, SectionMesh, even_angles, fill_vein
 from ngfsi_geometry.segment import smooth_step
 
 Array = NDArray[np.float64]
@@ -161,10 +161,10 @@ class LoftedVein(ConfigModel):
     def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
         """Return the straight Netgen mesh [m] of the round tube with its geometry and names."""
         angles = even_angles(self.mesh.around)
-        wall = Circle("interface", 0.0, 0.0, self.size)
+        wall = Ellipse("interface", 0.0, 0.0, self.size)
         rim = Ring(wall, np.arange(len(angles), dtype=np.int32), self.fluid, None)
         outline = SectionMesh(wall.points(angles), [], [rim])
-        layers = [(Circle("lumen_layer", 0.0, 0.0, f * self.size), self.fluid) for f in self.mesh.lumen_radii]
+        layers = [(Ellipse("lumen_layer", 0.0, 0.0, f * self.size), self.fluid) for f in self.mesh.lumen_radii]
         section = fill_vein(outline, wall.name, layers, self.fluid, split=False)
         start, first = self.heights[0] - self.inlet_length, self.heights[0]
         inlet = np.linspace(start, first, self.mesh.inlet_layers + 1)[:-1]

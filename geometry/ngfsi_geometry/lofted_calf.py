@@ -28,7 +28,7 @@ from ngfsi.units import Length
 from ngfsi_geometry.calf import CalfSegment
 from ngfsi_geometry.calf_section import CalfSection, Vein
 from ngfsi_geometry.loft import Complex, Loft, coefficients, thickened
-from ngfsi_geometry.plane import Circle
+from ngfsi_geometry.plane import Ellipse
 from ngfsi_geometry.segment import MeshSettings
 
 Array = NDArray[np.float64]
@@ -134,7 +134,7 @@ class CalfLoft(ConfigModel):
         circles = {}
         for name, loft in self._lofts.items():
             area, middle = _middle(loft)
-            circles[name] = Circle(name, middle.real, middle.imag, float(np.sqrt(area / pi)))
+            circles[name] = Ellipse(name, middle.real, middle.imag, float(np.sqrt(area / pi)))
         skin, lumen = circles.pop("skin"), circles.pop("interface")
         fraction = _fraction(list(circles.values()), skin)
         inner = {name: replace(circle, radius=fraction * circle.radius) for name, circle in circles.items()}
@@ -251,7 +251,7 @@ def _middle(loft: Loft) -> tuple[float, complex]:
     return loft.volume() / (loft.end - loft.start), complex(np.mean(rows[:, loft.modes]))
 
 
-def _fraction(inner: list[Circle], skin: Circle) -> float:
+def _fraction(inner: list[Ellipse], skin: Ellipse) -> float:
     """Return the factor on the radii of circles, at most 1, with which they leave the gap between them."""
     fractions = [(hypot(a.x - b.x, a.y - b.y) - GAP) / (a.radius + b.radius) for a, b in combinations(inner, 2)]
     fractions += [(skin.radius - hypot(a.x - skin.x, a.y - skin.y) - GAP) / a.radius for a in inner]

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import cos, hypot, sin, sqrt
+from typing import Any
 
 import numpy as np
 from netgen.geom2d import SplineGeometry
 from numpy.typing import NDArray
+from scipy.special import ellipe
 
 Points = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -19,33 +22,99 @@ GROWTH = 0.8
 """How fast elements may grow with the distance from small ones (Netgen's grading, 0 to 1)."""
 
 
+_AROUND = 2 * np.pi * np.arange(256) / 256
+"""Parameters of the points by which distances of ovals are found."""
+
+
 @dataclass(frozen=True)
-class Circle:
-    """A named circle of the section: centre and radius in metres."""
+class Ellipse:
+    """A named ellipse of the section, most often a circle.
+
+    Attributes:
+        x, y: centre [m].
+        radius: of the circle of the same area [m].
+        ratio: of the longer to the shorter axis.
+        direction: of the longer axis, from x to y [rad].
+    """
 
     name: str
     x: float
     y: float
     radius: float
+    ratio: float = 1.0
+    direction: float = 0.0
+
+    @property
+    def semi_axes(self) -> tuple[float, float]:
+        """The longer and the shorter one [m]."""
+        return self.radius * sqrt(self.ratio), self.radius / sqrt(self.ratio)
+
+    @property
+    def length(self) -> float:
+        """Length of the curve [m]."""
+        return 4 * self.semi_axes[0] * float(ellipe(1 - 1 / self.ratio**2))
+
+    def wider(self, name: str, distance: float) -> Ellipse:
+        """Return the ellipse whose semi-axes are longer by a distance [m]."""
+        a, b = (semi + distance for semi in self.semi_axes)
+        return replace(self, name=name, radius=sqrt(a * b), ratio=a / b) if self.ratio > 1 else replace(
+            self, name=name, radius=self.radius + distance
+        )  # fmt: skip
+
+    def scaled(self, name: str, factor: float) -> Ellipse:
+        """Return a similar ellipse about the same centre."""
+        return replace(self, name=name, radius=factor * self.radius)
+
+    def local(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return coordinates along and across the longer axis, from the centre; numbers, arrays or fields."""
+        c, s = cos(self.direction), sin(self.direction)
+        x, y = x - self.x, y - self.y
+        return c * x + s * y, c * y - s * x
 
     def points(self, angles: Points) -> Points:
-        """Return the points at the angles [rad], shape (n, 2)."""
-        return np.array([self.x, self.y]) + self.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        """Return the points at the angles of the ellipse's parameter [rad], shape (n, 2)."""
+        a, b = self.semi_axes
+        c, s = cos(self.direction), sin(self.direction)
+        along, across = a * np.cos(angles - self.direction), b * np.sin(angles - self.direction)
+        return np.array([self.x, self.y]) + np.column_stack([c * along - s * across, s * along + c * across])
 
     def angles(self, points: Points) -> Points:
-        """Return the angle [rad] of each point as seen from the centre."""
-        return np.asarray(np.arctan2(points[:, 1] - self.y, points[:, 0] - self.x))
+        """Return the parameter [rad] of the similar ellipse through each point."""
+        along, across = self.local(*points.T)
+        return np.asarray(np.arctan2(self.ratio * across, along) + self.direction)
 
     def holds(self, points: Points) -> NDArray[np.bool_]:
-        """Return which points lie in or on the circle."""
-        return np.asarray(np.hypot(points[:, 0] - self.x, points[:, 1] - self.y) < self.radius * (1 + 1e-9))
+        """Return which points lie in or on the ellipse."""
+        along, across = self.local(*points.T)
+        root = sqrt(self.ratio)
+        return np.asarray(np.hypot(along / root, across * root) < self.radius * (1 + 1e-9))
+
+    def beside(self, other: Ellipse) -> float:
+        """Return the gap between two ellipses beside each other [m]; negative: they overlap by so much."""
+        if self.ratio == other.ratio == 1:
+            return hypot(self.x - other.x, self.y - other.y) - self.radius - other.radius
+        mine, its = self.points(_AROUND), other.points(_AROUND)
+        distances = np.hypot(*(mine[:, None] - its[None]).T)  # of points of the other (rows) from mine
+        deep = distances[self.holds(its)].min(axis=1), distances.T[other.holds(mine)].min(axis=1)
+        overlap = max(float(part.max(initial=0.0)) for part in deep)
+        return -overlap if overlap else float(distances.min())
+
+    def inside(self, other: Ellipse) -> float:
+        """Return the gap between this ellipse and a circle around it [m]; negative: it reaches out by so much."""
+        if self.ratio == 1:
+            return other.radius - hypot(self.x - other.x, self.y - other.y) - self.radius
+        return other.radius - float(np.hypot(*(self.points(_AROUND) - [other.x, other.y]).T).max())
+
+    def gap(self, other: Ellipse) -> float:
+        """Return the gap between two ellipses, one beside or inside the other [m]."""
+        return max(self.beside(other), self.inside(other), other.inside(self))
 
 
 @dataclass(frozen=True)
 class Ring:
     """The section's nodes on a circle in counter-clockwise order, and the materials on its two sides (None: hole)."""
 
-    circle: Circle
+    circle: Ellipse
     nodes: Indices
     inside: str | None
     outside: str | None
@@ -82,7 +151,7 @@ def even_angles(segments: int) -> Points:
     return 2 * np.pi * (np.arange(segments) + 0.25) / segments
 
 
-def triangulate(material: str, loops: Sequence[tuple[Circle, Points]], size: float) -> SectionMesh:
+def triangulate(material: str, loops: Sequence[tuple[Ellipse, Points]], size: float) -> SectionMesh:
     """Triangulate the disc of the last circle without the others; each circle comes with the angles of its nodes.
 
     Where Netgen adds a node to a circle it is moved onto it. Lengths are scaled by the disc's radius before meshing,
@@ -121,7 +190,7 @@ def counter_clockwise(points: Points, triangles: Indices) -> Indices:
 
 
 def fill_vein(
-    section: SectionMesh, hole: str, layers: Sequence[tuple[Circle, str]], core: str, split: bool
+    section: SectionMesh, hole: str, layers: Sequence[tuple[Ellipse, str]], core: str, split: bool
 ) -> SectionMesh:
     """Fill a hole of a section with concentric layers and a core.
 
@@ -159,14 +228,14 @@ def annulus(outer: Indices, inner: Indices, split: bool) -> Indices:
     return np.vstack((first, second))
 
 
-def fill_core(circle: Circle, nodes: Indices, angles: Points, count: int) -> tuple[Points, Indices]:
+def fill_core(circle: Ellipse, nodes: Indices, angles: Points, count: int) -> tuple[Points, Indices]:
     """Fill a disc by rings of half as many nodes each while there are many, then a fan around the centre.
 
     Returns: new points, numbered from `count`, and triangles.
     """
     points, triangles = [], []
     while len(nodes) > LARGEST_FAN and len(nodes) % 2 == 0:
-        circle, angles = replace(circle, radius=0.55 * circle.radius), angles[::2]
+        circle, angles = circle.scaled(circle.name, 0.55), angles[::2]
         new = np.arange(count, count + len(angles), dtype=np.int32)
         even, odd, after, following = nodes[::2], nodes[1::2], np.roll(nodes[::2], -1), np.roll(new, -1)
         triangles += [np.column_stack(t) for t in ((even, odd, new), (odd, following, new), (odd, after, following))]

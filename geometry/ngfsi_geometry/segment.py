@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
-from math import ceil, cos, hypot, pi, sin, sqrt
+from math import ceil, cos, degrees, isclose, pi, sin, sqrt
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -14,10 +14,11 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
+from ngfsi.mesh.curving import BoundaryMotion
 from ngfsi.mesh.geometry import Vessel
-from ngfsi.units import Angle, Length
+from ngfsi.units import Angle, Area, Length
 from ngfsi_geometry.extrusion import extrude, layer_heights
-from ngfsi_geometry.plane import Circle, SectionMesh, even_angles, fill_vein, triangulate
+from ngfsi_geometry.plane import Ellipse, SectionMesh, even_angles, fill_vein, triangulate
 
 TISSUE_ENDS = ("tissue_bottom", "tissue_top")
 
@@ -29,6 +30,12 @@ NARROWEST_GAP = 0.5e-3
 
 
 MOST_EDGES = 10_000
+
+LARGEST_RATIO = 5.0
+"""Of the axes of a lumen."""
+
+EDGES_OF_AN_OVAL = 6
+"""Edges around a lumen, for each unit of its aspect ratio, with which its tips are resolved."""
 
 
 class MeshSettings(ConfigModel):
@@ -71,13 +78,16 @@ class MeshSettings(ConfigModel):
 
 
 @dataclass(frozen=True)
-class RoundVein:
-    """A vein of circular section along z.
+class StraightVein:
+    """A vein of circular or elliptic lumen along z, with a wall of even thickness.
 
     Attributes:
         number: 1 for the first of a segment, which has the plain names; the names of others end in it.
         x, y: position of its axis [m].
-        lumen_radius, wall_thickness: [m].
+        lumen_radius: of the circle with the lumen's area [m].
+        wall_thickness: [m].
+        aspect_ratio: of the lumen's axes.
+        direction: of the longer axis, from x to y [rad].
     """
 
     number: int
@@ -85,24 +95,34 @@ class RoundVein:
     y: float
     lumen_radius: float
     wall_thickness: float
+    aspect_ratio: float = 1.0
+    direction: float = 0.0
 
     def named(self, part: str) -> str:
         """Return the name of a part of this vein."""
         return part if self.number == 1 else f"{part}_{self.number}"
 
-    def circle(self, name: str, radius: float) -> Circle:
-        """Return a circle around the axis."""
-        return Circle(name, self.x, self.y, radius)
-
     @property
-    def interface(self) -> Circle:
+    def interface(self) -> Ellipse:
         """Inner surface of the wall."""
-        return self.circle(self.named("interface"), self.lumen_radius)
+        return Ellipse(self.named("interface"), self.x, self.y, self.lumen_radius, self.aspect_ratio, self.direction)
 
     @property
-    def wall_outer(self) -> Circle:
-        """Outer surface of the wall."""
-        return self.circle(self.named("wall_outer"), self.lumen_radius + self.wall_thickness)
+    def wall_outer(self) -> Ellipse:
+        """Outer surface of the wall as it is meshed; around an oval lumen `thickening` makes the wall even."""
+        return self.interface.wider(self.named("wall_outer"), self.wall_thickness)
+
+    def thickening(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return the displacement [m] that takes the meshed outer surface to the curve parallel to the lumen's."""
+        (a, b), (A, B) = self.interface.semi_axes, self.wall_outer.semi_axes
+        along, across = self.wall_outer.local(x, y)
+        length = (along * along / A**2 + across * across / B**2) ** 0.5
+        cosine, sine = along / (A * length), across / (B * length)
+        normal = ((b * cosine) ** 2 + (a * sine) ** 2) ** 0.5
+        u = (a + self.wall_thickness * b / normal) * cosine - along
+        v = (b + self.wall_thickness * a / normal) * sine - across
+        c, s = cos(self.direction), sin(self.direction)
+        return c * u - s * v, s * u + c * v
 
     @property
     def ends(self) -> dict[str, tuple[str, str]]:
@@ -110,11 +130,11 @@ class RoundVein:
         pairs = {"fluid": ("inlet", "outlet"), "wall": ("wall_bottom", "wall_top")}
         return {self.named(region): (self.named(low), self.named(high)) for region, (low, high) in pairs.items()}
 
-    def layers(self, mesh: MeshSettings) -> list[tuple[Circle, str]]:
-        """Return the circles inside the outer wall surface, from outside inwards, with the region outside each."""
+    def layers(self, mesh: MeshSettings) -> list[tuple[Ellipse, str]]:
+        """Return the ellipses inside the outer wall surface, from outside inwards, with the region outside each."""
         fractions = np.arange(mesh.wall_layers - 1, 0, -1) / mesh.wall_layers
-        wall = [self.circle("wall_layer", self.lumen_radius + f * self.wall_thickness) for f in fractions]
-        lumen = [self.circle("lumen_layer", f * self.lumen_radius) for f in mesh.lumen_radii]
+        wall = [self.interface.wider("wall_layer", float(f) * self.wall_thickness) for f in fractions]
+        lumen = [self.interface.scaled("lumen_layer", f) for f in mesh.lumen_radii]
         return [(c, self.named("wall")) for c in (*wall, self.interface)] + [(c, self.named("fluid")) for c in lumen]
 
     def vessel(self, length: float, outer: bool) -> Vessel:
@@ -134,17 +154,26 @@ class VeinSegment(ConfigModel):
     fluid: ClassVar[str] = "fluid"
 
     length: Length = Field(120e-3, gt=0, description="length of the segment; source study: 12 cm")
-    lumen_diameter: Length = Field(11.1e-3, gt=0, description="inner diameter of the vein; source study: 11.1 mm")
+    lumen_area: Area | None = Field(None, gt=0, description="area of the lumen, from which its diameter follows")
+    lumen_axes: tuple[Length, Length] | None = Field(
+        None, description="longer and shorter inner diameter, from which diameter and aspect ratio follow"
+    )
+    lumen_diameter: Length = Field(
+        default_factory=lambda given: _diameter(given) or 11.1e-3,
+        gt=0,
+        description="inner diameter of the vein, of an oval one that of the circle with the same area; source study: "
+        "11.1 mm",
+    )
+    aspect_ratio: float = Field(
+        default_factory=lambda given: _ratio(given) or 1.0,
+        ge=1,
+        le=LARGEST_RATIO,
+        description="of the longer to the shorter axis of the lumen, an ellipse in a wall of even thickness",
+    )
+    oval_direction: Angle = Field(0.0, description="of the ellipse's longer axis, from x (lateral) to y (anterior)")
     wall_thickness: Length = Field(1e-3, gt=0, description="thickness of the vein wall; source study: 1 mm")
     vein_x: Length = Field(0.0, description="lateral position of the vein's axis")
     vein_y: Length = Field(0.0, description="anterior position of the vein's axis")
-    oval: Length = Field(
-        0.0,
-        ge=0,
-        description="by how much the lumen's radius is larger along `oval_direction`, and smaller across: an ellipse, "
-        "the imperfection of mode 2 from which a vein collapses; the wall follows in proportion",
-    )
-    oval_direction: Angle = Field(0.0, description="of the ellipse's longer axis, from x (lateral) to y (anterior)")
     mesh: MeshSettings = MeshSettings()
 
     @property
@@ -153,14 +182,16 @@ class VeinSegment(ConfigModel):
         """Mean radius of the skin [m]."""
 
     @property
-    def bones(self) -> tuple[Circle, ...]:
+    def bones(self) -> tuple[Ellipse, ...]:
         """Cross-sections of the rigid bones."""
         return ()
 
     @property
-    def veins(self) -> tuple[RoundVein, ...]:
+    def veins(self) -> tuple[StraightVein, ...]:
         """All veins, the first one of `lumen_diameter` at (`vein_x`, `vein_y`)."""
-        return (RoundVein(1, self.vein_x, self.vein_y, self.lumen_radius, self.wall_thickness),)
+        place = self.vein_x, self.vein_y
+        shape = self.aspect_ratio, self.oval_direction
+        return (StraightVein(1, *place, self.lumen_radius, self.wall_thickness, *shape),)
 
     @property
     def vessels(self) -> tuple[Vessel, ...]:
@@ -174,7 +205,7 @@ class VeinSegment(ConfigModel):
 
     @property
     def lumen_radius(self) -> float:
-        """Radius of the lumen [m]."""
+        """Radius of the circle with the lumen's area [m]."""
         return self.lumen_diameter / 2
 
     @property
@@ -196,8 +227,8 @@ class VeinSegment(ConfigModel):
         """Return the developed velocity of unit mean through the inlet."""
         from ngsolve import CF, x, y
 
-        along, across = self._in_ellipse(x, y)
-        a, b = self.lumen_radius + self.oval, self.lumen_radius - self.oval
+        lumen = self.veins[0].interface
+        (along, across), (a, b) = lumen.local(x, y), lumen.semi_axes
         return CF((0, 0, 2 * (1 - (along / a) ** 2 - (across / b) ** 2)))
 
     @property
@@ -206,17 +237,17 @@ class VeinSegment(ConfigModel):
         return self.mesh.curving_order
 
     @property
-    def skin(self) -> Circle:
+    def skin(self) -> Ellipse:
         """Cross-section of the skin, before any taper."""
-        return Circle("skin", 0.0, 0.0, self.skin_radius)
+        return Ellipse("skin", 0.0, 0.0, self.skin_radius)
 
     @property
-    def wall_outer(self) -> Circle:
+    def wall_outer(self) -> Ellipse:
         """Outer surface of the first vein's wall."""
         return self.veins[0].wall_outer
 
     @property
-    def outer_walls(self) -> tuple[Circle, ...]:
+    def outer_walls(self) -> tuple[Ellipse, ...]:
         """Outer surfaces of the walls of all veins."""
         return tuple(vein.wall_outer for vein in self.veins)
 
@@ -227,11 +258,15 @@ class VeinSegment(ConfigModel):
         return {region: pair for vein in self.veins for region, pair in vein.ends.items()} | tissue
 
     @property
+    def surface_names(self) -> tuple[str, ...]:
+        """Boundaries along z."""
+        outer = self.outer_walls if "tissue" in self.solids else ()
+        return tuple(one.name for one in (self.skin, *self.bones, *outer, *(vein.interface for vein in self.veins)))
+
+    @property
     def boundary_names(self) -> tuple[str, ...]:
         """Every boundary the mesh must have, curved ones first."""
-        outer = self.outer_walls if "tissue" in self.solids else ()
-        around = (self.skin, *self.bones, *outer, *(vein.interface for vein in self.veins))
-        return *(circle.name for circle in around), *(name for pair in self.ends.values() for name in pair)
+        return *self.surface_names, *(name for pair in self.ends.values() for name in pair)
 
     @property
     def internal_names(self) -> tuple[str, ...]:
@@ -239,41 +274,29 @@ class VeinSegment(ConfigModel):
         return "lumen_layer", "wall_layer"
 
     def shape_map(self) -> Any:
-        """Return the displacement [m] from the meshed shape to the reference shape, or None if they are the same.
+        """Return the displacement from the meshed shape to the reference shape, or None if they are the same.
 
-        An oval vein: lumen and wall are stretched along one axis and compressed across, the tissue follows up to the
-        next bone or the skin.
+        Around an oval vein the outer surface of the wall moves to an even distance from the lumen.
         """
-        if self.oval == 0:
+        oval = [vein for vein in self.veins if vein.aspect_ratio > 1]
+        if not oval:
             return None
-        from ngsolve import CF, IfPos, sqrt, x, y
+        from ngsolve import CF, x, y
 
-        along, across = self._in_ellipse(x, y)
-        fraction = self.oval / self.lumen_radius
-        if self.wall_outer.radius < self.skin_radius:
-            outside = (sqrt(along * along + across * across) - self.wall_outer.radius) / self._room()
-            t = IfPos(outside, IfPos(1 - outside, 1 - outside, 0), 1)
-            fraction = fraction * smooth_step(t)
-        c, s = cos(self.oval_direction), sin(self.oval_direction)
-        return fraction * CF((c * along + s * across, s * along - c * across, 0))
-
-    def _in_ellipse(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return the coordinates along and across the longer axis of an oval vein, from its centre."""
-        c, s = cos(self.oval_direction), sin(self.oval_direction)
-        x, y = x - self.vein_x, y - self.vein_y
-        return c * x + s * y, c * y - s * x
-
-    def _room(self) -> float:
-        """Return the smallest distance [m] of the first vein's wall from what is around it."""
-        return min(_gap(self.wall_outer, other) for other in (*self.outer_walls[1:], *self.bones, self.skin))
+        motions = dict.fromkeys(self.surface_names, CF((0, 0, 0)))
+        for vein in oval:
+            outer = vein.wall_outer.name if "tissue" in self.solids else self.skin.name
+            motions[outer] = CF((*vein.thickening(x, y), 0))
+        return BoundaryMotion(motions)
 
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of each region."""
         found: dict[str, float] = {}
         holes = []
         for vein in self.veins:
-            ellipse = 1 - (self.oval / self.lumen_radius) ** 2 if vein.number == 1 else 1.0
-            lumen, outer = (pi * circle.radius**2 * ellipse for circle in (vein.interface, vein.wall_outer))
+            lumen = pi * vein.lumen_radius**2
+            # Steiner's formula for parallel curves
+            outer = lumen + vein.interface.length * vein.wall_thickness + pi * vein.wall_thickness**2
             found |= {vein.named("wall"): (outer - lumen) * self.length, vein.named("fluid"): lumen * self.length}
             holes.append(outer)
         holes += [pi * bone.radius**2 for bone in self.bones]
@@ -308,7 +331,7 @@ class VeinSegment(ConfigModel):
             section = self._filled(section, vein, vein.wall_outer.name)
         return section
 
-    def _filled(self, section: SectionMesh, vein: RoundVein, hole: str) -> SectionMesh:
+    def _filled(self, section: SectionMesh, vein: StraightVein, hole: str) -> SectionMesh:
         """Return a section with a vein in its hole."""
         return fill_vein(section, hole, vein.layers(self.mesh), vein.named("fluid"), self.mesh.element != "mixed")
 
@@ -316,7 +339,7 @@ class VeinSegment(ConfigModel):
         from ngfsi_geometry.csg import mesh_of_solids  # with Netgen's CSG, which nothing else needs
 
         tissue = "tissue" in self.solids
-        regions: dict[str, tuple[Circle, Sequence[Circle]]] = {}
+        regions: dict[str, tuple[Ellipse, Sequence[Ellipse]]] = {}
         for vein in self.veins:
             regions[vein.named("fluid")] = (vein.interface, ())
             regions[vein.named("wall")] = (vein.wall_outer if tissue else self.skin, (vein.interface,))
@@ -328,23 +351,25 @@ class VeinSegment(ConfigModel):
     def _check_positions(self) -> VeinSegment:
         """Refuse parts that overlap, leave the skin or nearly touch."""
         inner = (*self.outer_walls, *self.bones)
-        gaps = [(a, b, hypot(a.x - b.x, a.y - b.y) - a.radius - b.radius) for a, b in combinations(inner, 2)]
-        gaps += [(a, self.skin, self.skin_radius - hypot(a.x, a.y) - a.radius) for a in inner]
+        gaps = [(a, b, a.beside(b)) for a, b in combinations(inner, 2)]
+        gaps += [(a, self.skin, a.inside(self.skin)) for a in inner]
         for a, b, gap in gaps:
             if gap < NARROWEST_GAP:
                 raise ValueError(_collision(a, b, gap))
         return self
 
     @model_validator(mode="after")
-    def _check_oval(self) -> VeinSegment:
-        """Refuse an ellipse that would squeeze wall or tissue to nothing."""
-        limit = self.lumen_radius / 2
-        if self.wall_outer.radius < self.skin_radius:
-            limit = min(limit, self._room() / 4)
-        if self.oval > limit:
+    def _check_lumen(self) -> VeinSegment:
+        """Refuse a lumen that is given twice, and differently."""
+        given = {"lumen_area": self.lumen_area, "lumen_axes": self.lumen_axes}
+        follow = {"lumen_diameter": _diameter(given), "aspect_ratio": _ratio(given)}
+        for name, value in follow.items():
+            if value and not isclose(value, getattr(self, name), rel_tol=1e-9):
+                source = "lumen_axes" if self.lumen_axes else "lumen_area"
+                raise ValueError(f"{name} and {source} contradict each other: keep one of them")
+        if not (self.lumen_diameter > 0 and 1 <= self.aspect_ratio <= LARGEST_RATIO):
             raise ValueError(
-                f"oval = {self.oval * 1e3:.3g} mm is too much for this vein and the tissue around it: at most "
-                f"{limit * 1e3:.3g} mm"
+                f"lumen_axes must be the longer and the shorter one, at most {LARGEST_RATIO:g} times as long"
             )
         return self
 
@@ -357,23 +382,29 @@ class VeinSegment(ConfigModel):
                 raise ValueError(f"elements of {size * 1e3:.3g} mm would be more than {MOST_EDGES:,} edges on a circle")
         return self
 
-    def _vein_segments(self, vein: RoundVein, size: float) -> int:
+    def _vein_segments(self, vein: StraightVein, size: float) -> int:
         """Return the (even) number of edges around a vein: short enough for arcs to stay within thin layers."""
         outer = vein.wall_outer
-        size = min([size, *(2 * _gap(outer, other) for other in self.outer_walls if other != outer)])
-        segments = 2 * pi * vein.lumen_radius / size
+        size = min([size, *(2 * outer.gap(other) for other in self.outer_walls if other != outer)])
+        segments = vein.interface.length / size
+        if vein.aspect_ratio > 1:
+            segments = max(segments, EDGES_OF_AN_OVAL * vein.aspect_ratio)
         if self.mesh.element != "mixed":
             # in a layer of thickness t on radius r, the diagonal of an edge clears the arc if t / r > 2 (pi / n)^2
-            circles = [outer, *(circle for circle, _ in vein.layers(self.mesh))]
-            thinnest = min((outer.radius - inner.radius) / inner.radius for outer, inner in pairwise(circles))
+            ellipses = [outer, *(ellipse for ellipse, _ in vein.layers(self.mesh))]
+            thinnest = min(
+                wide / narrow - 1
+                for outside, inside in pairwise(ellipses)
+                for wide, narrow in zip(outside.semi_axes, inside.semi_axes, strict=True)
+            )
             segments = max(segments, pi * sqrt(3 / thinnest))
         return 2 * max(4, ceil(segments / 2))
 
-    def _segments(self, circle: Circle, near: float, far: float) -> int:
+    def _segments(self, circle: Ellipse, near: float, far: float) -> int:
         """Return the number of edges on a circle: elements grow with the distance to veins, gaps are resolved."""
         others = [c for c in (self.skin, *self.bones, *self.outer_walls) if c != circle]
-        to_vein = min(_gap(circle, outer) for outer in self.outer_walls)
-        size = min(far, near + 0.5 * to_vein, *(2 * _gap(circle, c) for c in others))
+        to_vein = min(circle.gap(outer) for outer in self.outer_walls)
+        size = min(far, near + 0.5 * to_vein, *(2 * circle.gap(c) for c in others))
         return max(8, ceil(2 * pi * circle.radius / size))
 
 
@@ -382,18 +413,28 @@ def smooth_step(t: Any) -> Any:
     return t * t * t * (10 - 15 * t + 6 * t * t)
 
 
-def _gap(a: Circle, b: Circle) -> float:
-    """Return the distance between two circles, one beside or inside the other."""
-    distance = hypot(a.x - b.x, a.y - b.y)
-    return max(distance - a.radius - b.radius, abs(a.radius - b.radius) - distance)
-
-
-def _collision(a: Circle, b: Circle, gap: float) -> str:
+def _collision(a: Ellipse, b: Ellipse, gap: float) -> str:
     parts = f"{a.name} and {b.name}".replace("wall_outer_", "wall of vein ").replace("wall_outer", "vein wall")
-    where = "; ".join(
-        f"{circle.name} of radius {circle.radius * 1e3:g} mm at ({circle.x * 1e3:g}, {circle.y * 1e3:g}) mm"
-        for circle in (a, b)
-    )
+    where = "; ".join(f"{one.name} {_size(one)} at ({one.x * 1e3:g}, {one.y * 1e3:g}) mm" for one in (a, b))
     if gap <= 0:
         return f"{parts} overlap by {-gap * 1e3:.3g} mm: {where}"
     return f"{parts} are {gap * 1e3:.3g} mm apart, at least {NARROWEST_GAP * 1e3:g} mm are needed: {where}"
+
+
+def _size(one: Ellipse) -> str:
+    if one.ratio == 1:
+        return f"of radius {one.radius * 1e3:g} mm"
+    a, b = (2e3 * semi for semi in one.semi_axes)
+    return f"of {a:.3g} by {b:.3g} mm, the longer axis at {degrees(one.direction):.3g} degrees,"
+
+
+def _diameter(given: Mapping[str, Any]) -> float | None:
+    """Return the diameter [m] of the circle with the area of a lumen given by its axes or its area."""
+    if axes := given.get("lumen_axes"):
+        return sqrt(axes[0] * axes[1])
+    return 2 * sqrt(area / pi) if (area := given.get("lumen_area")) else None
+
+
+def _ratio(given: Mapping[str, Any]) -> float | None:
+    """Return the aspect ratio of a lumen given by its axes."""
+    return axes[0] / axes[1] if (axes := given.get("lumen_axes")) else None

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pydantic import Field, model_validator
 
 from ngfsi.units import Length
-from ngfsi_geometry.plane import Ring, SectionMesh, even_angles
+from ngfsi_geometry.plane import Ellipse, Ring, SectionMesh, even_angles
 from ngfsi_geometry.segment import MeshSettings, VeinSegment
 
 
@@ -35,6 +37,11 @@ class BareTube(TubeSegment):
     def skin_radius(self) -> float:
         """Outer radius of the wall [m]."""
         return self.lumen_radius + self.wall_thickness
+
+    @property
+    def skin(self) -> Ellipse:
+        """Outer surface of the wall."""
+        return replace(self.wall_outer, name="skin")
 
     def _section(self, factor: float) -> SectionMesh:
         """Return the mesh of the cross-section, its element sizes multiplied by a factor."""

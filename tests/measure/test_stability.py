@@ -109,7 +109,9 @@ def test_an_oval_ring_grows_more_oval() -> None:
     """An imperfection a of mode 2 is a / (1 - p/p_c) under a pressure p (Timoshenko and Gere, Theory of Elastic
     Stability, 1961, section 7.4)."""
     imperfection, share = 2e-6, 0.6
-    system, newton = ring(**{"geometry.oval": imperfection, "geometry.oval_direction": 0.4})
+    radius = RADIUS - THICKNESS / 2
+    ratio = (radius + imperfection) / (radius - imperfection)
+    system, newton = ring(**{"geometry.aspect_ratio": ratio, "geometry.oval_direction": 0.4})
     sections = sections_of(system)
     before = Shape.of(sections)
     assert (before.major - before.minor) / 2 == pytest.approx(np.full(11, imperfection), rel=1e-3)

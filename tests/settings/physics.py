@@ -14,6 +14,7 @@ from ngfsi_geometry.channel import (
     Beam,
     CylinderMesh,
 )
+from ngfsi_geometry.tube import TubeSegment
 
 from ngfsi import registry
 from ngfsi.case import Conditions, Materials
@@ -371,15 +372,19 @@ def _side_of_a_cuff() -> Outcome:
 FINE = TUBE.mesh.replace(curving_order=4)
 
 
-@entry("VeinSegment.oval", "VeinSegment.oval_direction", rel=1e-3)
+@entry("VeinSegment.aspect_ratio", "VeinSegment.oval_direction", "VeinSegment.lumen_area", "VeinSegment.lumen_axes",
+       rel=1e-3)  # fmt: skip
 def _oval() -> Outcome:
     """Second moments of an ellipse along its axes, a^2/4 and b^2/4."""
-    geometry = TUBE.replace(oval=0.8e-3, oval_direction=0.6, mesh=FINE)
-    domain, (c, s_) = domain_of(geometry), (cos(0.6), sin(0.6))
-    along = [c * ng.x + s_ * ng.y, c * ng.y - s_ * ng.x]
-    found = [float(ng.Integrate(q * q * domain.dx("fluid", bonus_intorder=4), domain.mesh)) for q in along]
-    radii = np.array([TUBE.lumen_radius + 0.8e-3, TUBE.lumen_radius - 0.8e-3])
-    return np.array(found) / domain.volume("fluid"), radii**2 / 4
+    a, b = 7e-3, 4e-3
+    same: list[dict[str, Any]] = [{"lumen_area": pi * a * b, "aspect_ratio": a / b}, {"lumen_axes": (2 * a, 2 * b)}]
+    found = []
+    for size in same:
+        domain = domain_of(TubeSegment(length=5e-3, oval_direction=0.6, mesh=FINE, **size))
+        for q in (cos(0.6) * ng.x + sin(0.6) * ng.y, cos(0.6) * ng.y - sin(0.6) * ng.x):
+            moment = ng.Integrate(q * q * domain.dx("fluid", bonus_intorder=4), domain.mesh)
+            found.append(float(moment) / domain.volume("fluid"))
+    return found, [a * a / 4, b * b / 4] * 2
 
 
 @entry("Conditions.ends")
