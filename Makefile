@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # MKL's Pardiso exists for x86-64 only; everywhere else UMFPACK, which NGSolve brings, does the same work
 EXTRAS := $(if $(filter x86_64 amd64,$(shell uname -m)),dev$(COMMA)mkl,dev)
 
-.PHONY: demo test lint types pytest soak paper mpi clean
+.PHONY: demo test lint types pytest soak mutate paper mpi clean
 
 demo: $(VENV)/ready
 	$(BIN)/ngfsi study compare_tissues --level demo --output runs/demo
@@ -26,6 +26,9 @@ pytest: $(VENV)/ready
 
 soak: $(VENV)/ready
 	$(BIN)/python -m tests.soak docs/soak.md
+
+mutate: $(VENV)/ready
+	$(BIN)/python -m tests.mutate docs/mutation.md
 
 paper: $(VENV)/ready
 	$(BIN)/ngfsi study compare_tissues --level paper --output runs/paper
