@@ -20,8 +20,9 @@ from ngfsi.store.disk import replace_file
 from ngfsi.study import Outcome, run_cases
 from ngfsi.units import MMHG
 from ngfsi_studies import tissue_report as report
+from ngfsi_studies.source import claims
 from ngfsi_studies.tissue_figures import draw
-from ngfsi_studies.tissue_findings import Finding, claims, find, numerical_errors
+from ngfsi_studies.tissue_findings import Finding, find, numerical_errors
 
 
 class Variant(NamedTuple):

@@ -29,7 +29,8 @@ from ngfsi.study import Outcome, run_cases
 from ngfsi.units import from_si
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
-from ngfsi_studies.tissue_findings import SWING, Finding, claims, find
+from ngfsi_studies.source import claims
+from ngfsi_studies.tissue_findings import SWING, Finding, find
 
 Coupling = Literal["two_way", "one_way"]
 TISSUES = {"M": "m_s1", "N": "n_likely"}

@@ -6,7 +6,6 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ from ngfsi.units import SAME_TIME, from_si
 
 Array = NDArray[np.float64]
 
-CLAIMS = Path(__file__).with_name("source_claims.toml")
 ACCURACY = Path(__file__).with_name("accuracy.toml")
 HYDROSTATIC = ("tissue_side", "wall_side", "wall_mean")
 SWING = 0.4
@@ -135,11 +133,6 @@ def _moment(run: StoredRun, row: int) -> Moment:
         parts={cause: float(values[row]) for cause, values in decompose(series).items()},
         pressures={where: float(series[f"p_{where}_Pa"][row]) for where in HYDROSTATIC},
     )
-
-
-def claims() -> dict[str, Any]:
-    """Return the numbers that the source prints."""
-    return tomllib.loads(CLAIMS.read_text(encoding="utf-8"))
 
 
 def numerical_errors(level: str, path: Path = ACCURACY) -> Mapping[str, float]:
