@@ -31,7 +31,12 @@ def test_printed_discrepancies_recomputed() -> None:
     assert D[:, 1].mean() == pytest.approx(10.1, abs=0.1)
     assert [D[0].max(), D[1].max(), D[3].max()] == pytest.approx([8.4, 15.9, 21.1], abs=0.4)
     assert D[2, 2] == pytest.approx(35.2, abs=0.1)
-    assert "| 10 mm | 35.2 / 22.4 |" in calibration._statistics()
+    text = calibration._statistics()
+    assert "| 10 mm | 35.2 / 22.4 |" in text
+    # four zeros among sixteen values; with the printed 22.4 in place of 35.2 the areas give the same
+    assert calibration.without_calibration() == pytest.approx(8.7 * 16 / 12)
+    assert (D.sum() - D[2, 2] + 22.4) / 12 == pytest.approx(calibration.without_calibration(), abs=0.1)
+    assert "contains the 4 zeros of the sections in which K was found: without them it is 11.6 %, and 12.7 %" in text
 
 
 def test_polygons_fall_short_by_their_number_of_points() -> None:

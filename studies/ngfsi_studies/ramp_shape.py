@@ -23,7 +23,7 @@ from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
-from ngfsi.units import MMHG
+from ngfsi.units import MMHG, SAME_TIME
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.source import claims
@@ -90,11 +90,12 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
 def swing(run: StoredRun) -> float:
     """Return by how much SAWSS swings in the last `SWING` of a run, as a fraction of that at t = 0.
 
-    Half the distance between the largest and the smallest deviation from the parabola through it.
+    Half the distance between the largest and the smallest deviation from a cubic, which follows the course.
     """
     times, shear = run.series["time_s"], run.series["sawss_Pa"]
-    last = times >= times[-1] - SWING
-    rest = shear[last] - np.polyval(np.polyfit(times[last], shear[last], 2), times[last])
+    last = times >= times[-1] - SWING - SAME_TIME
+    since = times[last] - times[-1]
+    rest = shear[last] - np.polyval(np.polyfit(since, shear[last], 3), since)
     return float(np.ptp(rest) / 2 / shear[0])
 
 
@@ -148,7 +149,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         "(1 - cos(pi s)) / 2 (smooth), s the time over the duration.\n",
         table(results),
         f"Rises are against t = 0; mean: of the last {SWING:g} s; swing: half the distance between the largest and the "
-        "smallest deviation of SAWSS from a parabola through that time, over SAWSS at t = 0. Printed by the source: "
+        "smallest deviation of SAWSS from a cubic through that time, over SAWSS at t = 0. Printed by the source: "
         f"{_printed()} %.\n",
         *(["## Failed\n", "\n".join(failures) + "\n"] if failures else []),
         f"## To repeat it\n\n    ngfsi study ramp_shape --level {level}\n",
@@ -172,13 +173,14 @@ def answer(results: Sequence[Result]) -> str:
             continue
         (linear,), (smooth,) = pair
         said.append(
-            f"- **{tissue}**: at the end of the ramp SAWSS has risen by {linear.rise_end_percent:.0f} % under the "
-            f"linear rise and by {smooth.rise_end_percent:.0f} % under the smooth one, which ends with the skin at "
-            f"rest; in the mean of the last {SWING:g} s by {linear.rise_mean_percent:.0f} and "
-            f"{smooth.rise_mean_percent:.0f} %; at most by {linear.rise_largest_percent:.0f} % (at "
-            f"{linear.time_largest_s:.2f} s) and {smooth.rise_largest_percent:.0f} % (at {smooth.time_largest_s:.2f} "
-            f"s). It swings by {linear.swing_percent:.1f} and {smooth.swing_percent:.1f} % of SAWSS at t = 0; the "
-            f"loss of volume is {100 * linear.loss_1:.1f} and {100 * smooth.loss_1:.1f} %."
+            f"- **{tissue}**: against t = 0 SAWSS is {linear.rise_end_percent:+.0f} % at the end of the linear rise "
+            f"and {smooth.rise_end_percent:+.0f} % at that of the smooth one, where the vein expels no blood any more; "
+            f"in the mean of the last {SWING:g} s {linear.rise_mean_percent:+.0f} and "
+            f"{smooth.rise_mean_percent:+.0f} %; "
+            f"at most {linear.rise_largest_percent:+.0f} % (at {linear.time_largest_s:.2f} s) and "
+            f"{smooth.rise_largest_percent:+.0f} % (at {smooth.time_largest_s:.2f} s). In the last {SWING:g} s it "
+            f"swings by {linear.swing_percent:.1f} and {smooth.swing_percent:.1f} % of SAWSS at t = 0. The loss of "
+            f"volume is {100 * linear.loss_1:.1f} and {100 * smooth.loss_1:.1f} %."
         )
     changes = [
         f"{steps[1].rise_end_percent - steps[0].rise_end_percent:+.1f} ({shape})"
