@@ -102,6 +102,9 @@ def test_the_report_says_what_matters_most(tmp_path: Path, monkeypatch: pytest.M
     assert "; then on the ends of the segment (2 ± 0)" in text
     assert "**The SAWSS** hangs most on the inflow Q (0.2 ± " in text
     assert "120 of 120 runs, 10 trajectories" in text
+    # outside of the range: 30 - 0.5 K
+    for line in ("| base | 16 | 0.3 | 16 |", "| K 69 kPa | -4.5 | 0.3 | -4.5 |", "| K 82 kPa | -11 | 0.3 | -11 |"):
+        assert line in text
     rows = list(csv.DictReader((tmp_path / "effects.csv").open()))
     assert len(rows) == 3 * 11
     bulk = next(row for row in rows if row["factor"] == "tissue_K_kPa")
