@@ -420,8 +420,8 @@ def _text(level: str, found: Found, results: Results) -> str:
             f"{STATIONS} sections of the vein and over a cycle of {PERIOD:g} s (the last of {CYCLES}); the least of "
             "them is what is to be large. `least at any time` is the least without the average over time: it ranks "
             "differently, for pulses stop the flow for a moment. Loss: the largest of any section and time against "
-            "the shape without loads. Tissue M, the inflow constant at 2.9 ml/s (inferred, the source prints none): what "
-            "a profile does to the flow from below is not in the model.\n",
+            "the shape without loads. Tissue M, the inflow constant at 2.9 ml/s (inferred, the source prints none): "
+            "what a profile does to the flow from below is not in the model.\n",
             f"{CREDIT}\n",
             "![least TAWSS by profile](ranking.png)\n",
             "## Profiles\n",
