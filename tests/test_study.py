@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import signal
 import subprocess
@@ -288,6 +289,9 @@ def test_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "| N, likely constants | 3.39 | 4.00 | +0.61 | not measured | 3 |" in text
     assert "205 and 145 % are rises by the formula that the source prints" in text
     assert "2.913 ml/s is inferred: the flow of subject 7" in text
+    # a quarter of the area at 1333 Pa is lost over 3333 Pa: K is where the line through it meets no area
+    stored = {row["run"]: row for row in csv.DictReader((tmp_path / "results.csv").open())}
+    assert float(stored["m_s1"]["tube_stiffness_Pa"]) == pytest.approx(3333.05 / 0.25 - 1333.22, rel=1e-6)
     assert "M over the bulk moduli of the 2 subjects: 25.0 to 27.0 %" in text
     assert "shear modulus of 6.98 kPa and cannot have given the printed loss" in text  # the fake's tissue is M
     assert "M / 10 ended early, at 0.5 s and 12.5 mmHg: it did not converge. Smallest det F in its last" in text

@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.analysis.decomposition import STAGES, decompose
+from ngfsi.analysis.tube import areas, transmural
+from ngfsi.analysis.tube_law import fit
+from ngfsi.errors import SolverError
 from ngfsi.store.stored import StoredRun
 from ngfsi.study import Outcome
 from ngfsi.units import SAME_TIME, from_si
@@ -194,6 +197,16 @@ def pattern(run: StoredRun, time: float) -> Pattern:
     )
 
 
+def tube_stiffness(run: StoredRun) -> float | None:
+    """Return K (Pa) of the linear tube law p - p_skin = K (A/A0 - 1) at mid-length; None where it does not fit."""
+    middle = areas(run).shape[1] // 2
+    try:
+        found = fit("linear", transmural(run, "skin")[:, middle], areas(run)[:, middle])
+    except SolverError:
+        return None
+    return float(found.law.stiffness)
+
+
 def stored_row(key: str, finding: Finding) -> Row:
     """Return the numbers of a run as they are stored beside the report, from which its tables are made."""
     now, end, law = finding.ramp_end, finding.end, finding.run.case.materials.law_of("tissue")
@@ -214,6 +227,7 @@ def stored_row(key: str, finding: Finding) -> Row:
         "rise_mean_percent": finding.mean_rise,
         "rise_held_percent": end.rise if finding.held else "",
         "period_s": finding.period or "",
+        "tube_stiffness_Pa": tube_stiffness(finding.run) or "",
         **{f"p_{where}_Pa": now.pressures[where] for where in HYDROSTATIC},
         **{f"{cause.replace(' ', '_')}_Pa": value for cause, value in now.parts.items() if cause in STAGES},
         **(asdict(finding.pattern) if finding.pattern else dict.fromkeys((one.name for one in fields(Pattern)), "")),
