@@ -398,7 +398,7 @@ def _shapes(found: Sequence[Finding]) -> str:
         pairs = {k: (s["before"].mean, s[shape].mean) for k, s in table.items() if shape in s}
         over = [s[shape].mean / s[shape].uniform for s in table.values() if shape in s]
         rises = np.array([100 * (after / before - 1) for before, after in pairs.values()])
-        ratio, correlated = _agreement({k: after for k, (_, after) in pairs.items()}, printed["mean_after"])
+        ratio, correlated = agreement({k: after for k, (_, after) in pairs.items()}, printed["mean_after"])
         rows.append((shape, f"{rises.mean():.0f}", f"{np.median(rises):.0f}", f"{rises.min():.0f} to {rises.max():.0f}",
                      f"{np.sum(rises > 0)} of {len(rises)}", f"{ratio:.2f}", f"{correlated:.2f}",
                      f"{np.mean(over):.3f}"))  # fmt: skip
@@ -408,7 +408,7 @@ def _shapes(found: Sequence[Finding]) -> str:
                  f"{np.sum(ratios > 0)} of {len(ratios)}", "1", "1", "-"))  # fmt: skip
     head = ("shape after", "rise, mean %", "median %", "range %", "rising", "TAWSS after over printed, geometric mean",
             "correlation with printed, logarithms", "TAWSS after over that of a uniform round tube")  # fmt: skip
-    ratio, correlated = _agreement({k: s["before"].mean for k, s in table.items()}, printed["mean_before"])
+    ratio, correlated = agreement({k: s["before"].mean for k, s in table.items()}, printed["mean_before"])
     return markdown_table(head, rows) + (
         "\nEach line has one shape in all subjects: numbers of two lines do not belong together. TAWSS before over "
         f"printed, geometric mean: {ratio:.2f}; correlation {correlated:.2f}. The mean of the printed rises is "
@@ -418,7 +418,7 @@ def _shapes(found: Sequence[Finding]) -> str:
     )
 
 
-def _agreement(computed: Mapping[int, float], printed: Sequence[float]) -> tuple[float, float]:
+def agreement(computed: Mapping[int, float], printed: Sequence[float]) -> tuple[float, float]:
     """Return computed over printed, the geometric mean over subjects, and the correlation of their logarithms."""
     logs = np.log([[value, printed[subject - 1]] for subject, value in computed.items()])
     correlated = float(np.corrcoef(logs.T)[0, 1]) if len(logs) > 1 else float("nan")

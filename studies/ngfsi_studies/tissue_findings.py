@@ -213,6 +213,8 @@ def stored_row(key: str, finding: Finding) -> Row:
     return {
         "run": key,
         "title": finding.title,
+        "unknowns": finding.run.manifest["unknowns"],
+        "step_s": finding.run.case.time.step,
         "lumen_diameter_m": finding.run.case.geometry.lumen_diameter,
         "shear_modulus_Pa": law.shear_modulus or 0.0,
         "bulk_modulus_Pa": law.bulk_modulus or 0.0,
@@ -223,6 +225,7 @@ def stored_row(key: str, finding: Finding) -> Row:
         "inflation_1": finding.inflation,
         "sawss_start_Pa": finding.start_sawss,
         "sawss_Pa": now.sawss,
+        "sawss_consistent_Pa": float(finding.run.series["sawss_consistent_Pa"][finding.run.loaded_row]),
         "rise_percent": now.rise,
         "rise_mean_percent": finding.mean_rise,
         "rise_held_percent": end.rise if finding.held else "",
