@@ -93,6 +93,8 @@ def test_the_report_says_what_matters_most(tmp_path: Path, monkeypatch: pytest.M
         return {"area_loss_percent": loss, "sawss_Pa": 0.1 * point.get("flow_ml_s", 3.0), "sawss_rise_percent": loss}
 
     def computed(study: Study, folder: Path, quiet: bool) -> Results:  # noqa: ARG001
+        for key, case in study.cases.items() if study.inputs else ():
+            assert case.materials.tissue.K == pytest.approx(1e3 * study.inputs[key].get("tissue_K_kPa", 28.45))
         table = {key: response(study.inputs.get(key, {})) for key in study.cases}
         return Results({key: Outcome(None) for key in study.cases}, table, folder / f"{study.name}.md")
 

@@ -305,7 +305,7 @@ def test_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_pattern_of_a_run() -> None:
     """Of the tissue alone, at its places without load; shear over the stations, three of eleven at either end."""
     rest = 1e-3 * np.array([[0, -50, 60], [-0.5, 17, 60], [50, 0, 60], [8, -6, 60]])
-    moved = 1e-3 * np.array([[0, 4, 3], [0, 0, -0.5], [-1, 0, 0], [9, 9, 9]])
+    moved = 1e-3 * np.array([[4, 0, 3], [0, 0, -0.5], [-1, 0, 0], [9, 9, 9]])
     grid = pyvista.UnstructuredGrid(
         np.array([1, 0, 1, 1, 1, 2, 1, 3]), np.full(4, pyvista.CellType.VERTEX), rest + moved
     )
