@@ -94,7 +94,7 @@ def test_the_report_says_what_matters_most(tmp_path: Path, monkeypatch: pytest.M
 
     def computed(study: Study, folder: Path, quiet: bool) -> Results:  # noqa: ARG001
         for key, case in study.cases.items() if study.inputs else ():
-            assert case.materials.tissue.K == pytest.approx(1e3 * study.inputs[key].get("tissue_K_kPa", 28.45))
+            assert pytest.approx(1e3 * study.inputs[key].get("tissue_K_kPa", 28.45)) == case.materials.tissue.K
         table = {key: response(study.inputs.get(key, {})) for key in study.cases}
         return Results({key: Outcome(None) for key in study.cases}, table, folder / f"{study.name}.md")
 
