@@ -231,6 +231,10 @@ def _shear_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float]
         f"{tables('compare_tissues')['subject']}."
     )
     lines.append(
+        "   - How the pressure rises within 1 s is not printed: the linear ramp is a choice of this project, and a "
+        "smooth rise ends with another SAWSS (study ramp_shape)."
+    )
+    lines.append(
         f"   - The source prints no flow. {inferred_flow():.3f} ml/s is inferred: the flow of subject "
         f"{tables('compare_tissues')['subject']} before compression, scaled by the areas of model and images. The rise "
         "hangs on it (study flow_rate)."
@@ -244,11 +248,9 @@ def _swing(findings: Mapping[str, Finding]) -> list[str]:
         return []
     named = ", ".join(f"{period:.2f} s ({title})" for title, period in periods.items())
     return [
-        "   - How the pressure rises within 1 s is not printed; the linear ramp is a choice of this project. Its start "
-        "sets the blood between the given inflow and the given outlet pressure swinging on "
+        "   - The start of the ramp sets the blood between the given inflow and the given outlet pressure swinging on "
         f"the compliance of the vein, with a period of {named}, and little damps it: SAWSS at one instant depends on "
-        "the phase, its mean hardly does. Coarse steps damp it; a smooth rise hardly excites it, and ends "
-        "with another SAWSS (study ramp_shape)."
+        "the phase, its mean hardly does. Coarse steps damp it, and a smooth rise hardly excites it."
     ]
 
 
@@ -257,7 +259,7 @@ def _pressure_reason(printed: Mapping[str, float]) -> str:
         "3. **Hydrostatic pressure.** The source averages it over the wall of the vein, and so does the table of "
         "claims; on either side of the outer face it is that of the table of results. "
         f"{printed['M']:g} kPa exceeds the load on the skin (3.33 kPa) and even skin and blood together (4.67 kPa): "
-        "compression round the circumference of the wall adds to them.\n"
+        "compression round the circumference of the wall adds to them."
     )
 
 
