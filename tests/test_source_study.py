@@ -28,6 +28,7 @@ from ngfsi_studies.source import claims, everything
 from ngfsi_studies.source_page import BEGIN, DOCS, END, PAGE, README, ROOT, page, readme, stored
 from ngfsi_studies.tissue_findings import numerical_errors
 
+from ngfsi.materials import load_set
 from ngfsi.study.design import Indices
 
 BY_HAND = [README, ROOT / "CONTRIBUTING.md", *(path for path in DOCS.glob("*.md") if path != PAGE)]
@@ -89,6 +90,18 @@ def test_links_lead_somewhere() -> None:
                 heads = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
                 slugs = [re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads]
                 assert heading in slugs, target
+
+
+def test_parameter_sets_are_the_printed_ones() -> None:
+    section, chapter = everything()["calibration"], everything()["compare_tissues"]
+    for number, bulk in enumerate(section["bulk_modulus_kPa"], start=1):
+        law: Any = load_set(f"mooney_rivlin_s{number}")
+        assert pytest.approx(1e3 * bulk) == law.K
+        assert {name: getattr(law, name) / 1e3 for name in ("c10", "c01", "c11")} == section["mooney_rivlin_kPa"]
+    named: Any = load_set("neo_hookean_printed")
+    assert {name: getattr(named, name) / 1e3 for name in ("C10", "Kv")} == chapter["neo_hookean_kPa"]
+    wall: Any = load_set("vein_wall")
+    assert wall.young == 1e3 * chapter["wall_young_kPa"]
 
 
 @pytest.mark.parametrize("level", ["demo", "paper"])

@@ -77,8 +77,10 @@ class Factor:
 
 
 TISSUE = "materials.tissue."
+BULK = tables("calibration")["bulk_modulus_kPa"]
 FACTORS: tuple[Factor, ...] = (
-    Factor("tissue_K_kPa", "bulk modulus of the tissue", 22.69, 35.41, (TISSUE + "K_kPa",), "the source's subjects"),
+    Factor("tissue_K_kPa", "bulk modulus of the tissue", min(BULK), max(BULK), (TISSUE + "K_kPa",),
+           "the source's subjects"),
     Factor("tissue_stiffness_1", "shear stiffness of the tissue", 0.7, 1.3,
            (TISSUE + "c10", TISSUE + "c01", TISSUE + "c11"), "factor on the constants of the law", relative=True),
     Factor("wall_young_kPa", "Young's modulus of the wall", 93, 173, ("materials.wall.young_kPa",), "133 kPa +- 30 %"),
