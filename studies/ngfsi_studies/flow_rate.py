@@ -1,10 +1,10 @@
 """Which flow and lumen would raise the wall shear stress as the source study prints it, and does coupling matter?
 
 The losses of volume that the source prints raise it, at a constant flow, by about a quarter of the printed rises; the
-rest must be blood that the shrinking vein expels itself, and profiles that had no time to develop. Both weigh the more, the
-less blood flows in and the larger the lumen is. The calf is squeezed with four flows, two lumens and both tissues, with
-two-way coupling and with one-way coupling, in which the tissue moves the blood, but the blood presses on the wall with
-the pressure of its outlet alone.
+rest must be blood that the shrinking vein expels itself, and profiles that had no time to develop. Both weigh the more,
+the less blood flows in and the larger the lumen is. The calf is squeezed with four flows, two lumens and both tissues,
+with two-way coupling and with one-way coupling, in which the tissue moves the blood, but the blood presses on the wall
+with the pressure of its outlet alone.
 """
 
 from __future__ import annotations

@@ -422,7 +422,8 @@ def _text(level: str, found: Found, results: Results) -> str:
             "them is what is to be large. `least at any time` is the least without the average over time: it ranks "
             "differently, for pulses stop the flow for a moment. Loss: the largest of any section and time against "
             "the shape without loads. Tissue M, the inflow constant at "
-            f"{inferred_flow():.1f} ml/s (inferred, the source prints none): what a profile does to the flow from below is not in the model.\n",
+            f"{inferred_flow():.1f} ml/s (inferred, the source prints none): what a profile does to "
+            "the flow from below is not in the model.\n",
             f"{CREDIT}\n",
             "![least TAWSS by profile](ranking.png)\n",
             "## Profiles\n",
