@@ -93,6 +93,8 @@ def test_the_report_says_what_matters_most(tmp_path: Path, monkeypatch: pytest.M
         return {"area_loss_percent": loss, "sawss_Pa": 0.1 * point.get("flow_ml_s", 3.0), "sawss_rise_percent": loss}
 
     def computed(study: Study, folder: Path, quiet: bool) -> Results:  # noqa: ARG001
+        for key, case in study.cases.items() if study.inputs else ():
+            assert pytest.approx(1e3 * study.inputs[key].get("tissue_K_kPa", 28.45)) == case.materials.tissue.K
         table = {key: response(study.inputs.get(key, {})) for key in study.cases}
         return Results({key: Outcome(None) for key in study.cases}, table, folder / f"{study.name}.md")
 
@@ -102,6 +104,9 @@ def test_the_report_says_what_matters_most(tmp_path: Path, monkeypatch: pytest.M
     assert "; then on the ends of the segment (2 ± 0)" in text
     assert "**The SAWSS** hangs most on the inflow Q (0.2 ± " in text
     assert "120 of 120 runs, 10 trajectories" in text
+    # outside of the range: 30 - 0.5 K
+    for line in ("| base | 16 | 0.3 | 16 |", "| K 69 kPa | -4.5 | 0.3 | -4.5 |", "| K 82 kPa | -11 | 0.3 | -11 |"):
+        assert line in text
     rows = list(csv.DictReader((tmp_path / "effects.csv").open()))
     assert len(rows) == 3 * 11
     bulk = next(row for row in rows if row["factor"] == "tissue_K_kPa")

@@ -16,7 +16,7 @@ from ngfsi_studies import calibration, plane_sections, rigid_veins
 from ngfsi_studies.plane_sections import Finding, Level
 
 from ngfsi.case import Case, TimeStepping
-from ngfsi.config.functions import PressureTable
+from ngfsi.config.functions import FlowWaveform, PressureTable
 from ngfsi.errors import SolverError
 from ngfsi.outlines.outline import Outline
 from ngfsi.run import run
@@ -31,7 +31,12 @@ def test_printed_discrepancies_recomputed() -> None:
     assert D[:, 1].mean() == pytest.approx(10.1, abs=0.1)
     assert [D[0].max(), D[1].max(), D[3].max()] == pytest.approx([8.4, 15.9, 21.1], abs=0.4)
     assert D[2, 2] == pytest.approx(35.2, abs=0.1)
-    assert "| 10 mm | 35.2 / 22.4 |" in calibration._statistics()
+    text = calibration._statistics()
+    assert "| 10 mm | 35.2 / 22.4 |" in text
+    # four zeros among sixteen values; with the printed 22.4 in place of 35.2 the areas give the same
+    assert calibration.without_calibration() == pytest.approx(8.7 * 16 / 12)
+    assert (D.sum() - D[2, 2] + 22.4) / 12 == pytest.approx(calibration.without_calibration(), abs=0.1)
+    assert "contains the 4 zeros of the sections in which K was found: without them it is 11.6 %, and 12.7 %" in text
 
 
 def test_polygons_fall_short_by_their_number_of_points() -> None:
@@ -202,6 +207,37 @@ def test_a_tiny_study_of_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_example_case_files_are_accepted() -> None:
     kinds = {path.stem: type(Case.from_toml(path).geometry).__name__ for path in EXAMPLES.glob("*.toml")}
     assert kinds == {"calf": "CalfSegment", "rigid": "LoftedVein", "section": "CalfSection", "wall": "BareTube"}
+
+
+def test_reverse_flow_keeps_the_mean() -> None:
+    """A cosine of a third of the mean becomes one of 1.5 times the mean: half of it flows back at worst."""
+    times = tuple(np.linspace(0, 6, 25))
+    flow = FlowWaveform(times=times, values=tuple(3 - np.cos(2 * np.pi * np.array(times) / 6)))
+    values = rigid_veins.reversing(flow, 0.5).values
+    assert values == pytest.approx(3 - 4.5 * np.cos(2 * np.pi * np.array(times) / 6), rel=1e-9)
+
+
+def test_shapes_are_told_one_at_a_time() -> None:
+    """Round veins of 0.9 and 0.5 of the printed TAWSS before and after, oval ones of 1.2; two with reverse flow."""
+    said = rigid_veins.PRINTED["tawss_Pa"]
+    factors = {"before": 0.9, "round": 0.5, "oval": 1.2, "back_0.5": 1.05}
+    found = [
+        rigid_veins.Finding(n, state, 1.0, 1.0, mean=factor * said[f"mean_{when}"][n - 1], uniform=1.0)
+        for n in (5, 10)
+        for state, factor in factors.items()
+        for when in ["after" if state in rigid_veins.SHAPES else "before"]
+    ]
+    table = rigid_veins._shapes(found)
+    # 0.590 / 0.029 and 0.363 / 0.039, times 0.5 / 0.9 and 1.2 / 0.9
+    assert "| round | 724 | 724 | 417 to 1030 | 2 of 2 | 0.50 | 1.00 |" in table
+    assert "| oval | 1877 | 1877 | 1141 to 2613 | 2 of 2 | 1.20 | 1.00 |" in table
+    assert "TAWSS before over printed, geometric mean: 0.90; correlation 1.00." in table
+    reverse = rigid_veins._reverse(found)
+    assert "| 5, none | 0.026 | 0.029 | 1030 | 1934 |" in reverse
+    # 9.3077 * 0.5 / 1.05
+    assert "| 10, 0.5 of the mean flow | 0.041 | 0.039 | 343 | 831 |" in reverse
+    assert "1 of the mean flow" not in reverse
+    assert "subject 10: 0.5 of the mean flow, with a rise of 343 % (printed 831 %)." in reverse
 
 
 def test_synthetic_veins_have_the_printed_volumes() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import dataclasses
 import signal
 import subprocess
 import sys
@@ -16,8 +18,9 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
+import pyvista
 from ngfsi_geometry.segment import MeshSettings
-from ngfsi_studies import compare_tissues, tissue_accuracy, tissue_figures, tissue_findings
+from ngfsi_studies import compare_tissues, tissue_accuracy, tissue_figures, tissue_findings, tissue_report
 from ngfsi_studies.tissue_findings import find
 
 from ngfsi import cli, process
@@ -281,7 +284,14 @@ def test_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "the vein has lost **25.0 %** of its volume (the source prints 25 %)" in text
     assert "| N: volume reduction, % | N, likely constants | 19 | 15.0 | -4.0 | 0.05 % of the volume | 1 |" in text
     assert "| M: rise of SAWSS, % | M, K 28.45 kPa | 205 | 131 | -74 | 1.5 % of SAWSS | 2 |" in text
-    assert "5.83 | 3.00 / 5.00 / 4.00 | -0.83 (wall side)" in text
+    # one definition of the pressure: 4 kPa in the mean over the wall, neither 3 nor 5 on the sides of its face
+    assert "| M, K 28.45 kPa | 5.83 | 4.00 | -1.83 | not measured | 3 |" in text
+    assert "| N, likely constants | 3.39 | 4.00 | +0.61 | not measured | 3 |" in text
+    assert "205 and 145 % are rises by the formula that the source prints" in text
+    assert "2.913 ml/s is inferred: the flow of subject 7" in text
+    # a quarter of the area at 1333 Pa is lost over 3333 Pa: K is where the line through it meets no area
+    stored = {row["run"]: row for row in csv.DictReader((tmp_path / "results.csv").open())}
+    assert float(stored["m_s1"]["tube_stiffness_Pa"]) == pytest.approx(3333.05 / 0.25 - 1333.22, rel=1e-6)
     assert "M over the bulk moduli of the 2 subjects: 25.0 to 27.0 %" in text
     assert "shear modulus of 6.98 kPa and cannot have given the printed loss" in text  # the fake's tissue is M
     assert "M / 10 ended early, at 0.5 s and 12.5 mmHg: it did not converge. Smallest det F in its last" in text
@@ -290,6 +300,34 @@ def test_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for picture in ("area", "sawss_11.1mm", "sawss_ratio", "outlines"):
         assert f"({picture}.png)" in text
         assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_the_pattern_of_a_run() -> None:
+    """Of the tissue alone, at its places without load; shear over the stations, three of eleven at either end."""
+    rest = 1e-3 * np.array([[0, -50, 60], [-0.5, 17, 60], [50, 0, 60], [8, -6, 60]])
+    moved = 1e-3 * np.array([[4, 0, 3], [0, 0, -0.5], [-1, 0, 0], [9, 9, 9]])
+    grid = pyvista.UnstructuredGrid(
+        np.array([1, 0, 1, 1, 1, 2, 1, 3]), np.full(4, pyvista.CellType.VERTEX), rest + moved
+    )
+    grid.point_data["displacement_m"] = moved
+    grid.cell_data["region"] = [1, 1, 1, 0]
+    grid.field_data["regions"] = ["fluid", "tissue"]
+    shear = np.array([np.ones(11), [2, 3, 4, 6, 6, 6, 6, 6, 8, 9, 10]])
+    times = np.array([0.0, 1.0])
+    shape = {"time_s": np.repeat(times, 2), "circularity_1": np.array([0.5, 0.5, 0.97, 0.98])}
+    run: Any = SimpleNamespace(
+        fields=lambda time: {1.0: grid}[time], case=CASE, series={"time_s": times}, shape=shape,
+        along=lambda *_: shear,
+    )  # fmt: skip
+    found = tissue_findings.pattern(run, 1.0)
+    assert found.displacement_m == pytest.approx(5e-3)
+    assert np.degrees(found.direction_rad) == pytest.approx(-90)
+    assert found.between_bones_1 == pytest.approx(0.1)
+    assert (found.shear_distal_1, found.shear_proximal_1) == pytest.approx((0.5, 1.5))
+    assert found.shear_variation_1 == pytest.approx(np.sqrt(58 / 11) / 6)
+    assert found.circularity_1 == 0.97
+    row = {"title": "M", **dataclasses.asdict(found)}
+    assert "| M | 5.00 | -90° | 0.10 | 0.50 | 1.50 | 0.38 | 0.970 |" in tissue_report.pattern_table([row])
 
 
 def test_a_report_without_any_result(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ study = registry.find("ngfsi.studies", "compare_tissues", "study")
 from ngfsi_studies import compare_tissues, source, tissue_findings
 assert study is compare_tissues.study
 assert compare_tissues.case(compare_tissues.MAIN[0], compare_tissues.LEVELS["demo"]).to_toml()
-assert tissue_findings.claims()["sawss_rise_percent"]["M"] == 205.0
+assert source.claims()["sawss_rise_percent"]["M"] == 205.0
 assert source.tables("rigid_veins")
 assert tissue_findings.numerical_errors("demo")["volume_percent"] > 0
 """

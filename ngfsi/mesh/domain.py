@@ -25,7 +25,8 @@ from ngfsi.mesh.geometry import Geometry, Vessel
 LARGEST_VOLUME_ERROR = 0.01
 """Relative; a mesh that lost its curvature has several times as much."""
 
-CHORD_ITERATIONS = 30
+STRAIGHTENING = 10
+"""Steps of Newton's method; five reach rounding in a vein that has collapsed."""
 Array = NDArray[np.float64]
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 END_FACE = re.compile(r"(tissue|wall)_(top|bottom)(_\d+)?")
@@ -194,8 +195,12 @@ class Domain:
 
             nearest = cKDTree(self.vertices).query(points)[1]
             straight -= self._vertex_displacements[nearest]
-        for _ in range(CHORD_ITERATIONS):
-            straight += points - place(self.mesh(*straight.T))
+        for _ in range(STRAIGHTENING):
+            at = self.mesh(*straight.T)
+            missing = points - place(at)
+            # the gradient is by places of the curved shape: 1 - slope is the inverse of that of the map to it
+            slope = ngsolve.Grad(self._shape)(at).reshape(-1, self.mesh.dim, self.mesh.dim)
+            straight += missing - np.einsum("nij,nj->ni", slope, missing)
         return straight
 
     def value(self, field: Any, *point: float) -> Any:

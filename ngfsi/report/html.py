@@ -84,7 +84,8 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
     Args:
         folders: of the runs.
         destination: HTML file to write.
-        claims: printed numbers to hold the runs against, by claim and law (M, N), as in the group `ngfsi.claims`.
+        claims: printed numbers to hold the runs against, by claim and law (M, N), as in the group `ngfsi.claims`;
+            `citation` and `remark` are shown with them.
 
     Raises:
         OutputError: a folder holds no run, or no step of one, or the file cannot be written.
@@ -511,13 +512,13 @@ def _claims(runs: Runs, claims: Mapping[str, Any]) -> list[Section]:
     rows = []
     for title, run in runs.items():
         law = _law(run)
-        if law is None or not claims or not _holds("lumen_volume_m3", "sawss_Pa", "p_wall_side_Pa")(run):
+        if law is None or not claims or not _holds("lumen_volume_m3", "sawss_Pa", "p_wall_mean_Pa")(run):
             continue
         row, series = run.loaded_row, run.series
         computed = {
             "volume_reduction_percent": 100 * (1 - series["lumen_volume_m3"][row] / series["lumen_volume_m3"][0]),
             "sawss_rise_percent": 100 * (series["sawss_Pa"][row] / series["sawss_Pa"][0] - 1),
-            "hydrostatic_pressure_kPa": series["p_wall_side_Pa"][row] / 1e3,
+            "hydrostatic_pressure_kPa": series["p_wall_mean_Pa"][row] / 1e3,
         }
         for key, value in computed.items():
             if law in claims.get(key, {}):
@@ -526,7 +527,9 @@ def _claims(runs: Runs, claims: Mapping[str, Any]) -> list[Section]:
                              f"{value - printed:+.3g}"])  # fmt: skip
     if not rows:
         return []
-    note = f"Printed by {claims.get('citation', 'the source')}; the pressure is computed on the wall's side."
+    note = f"Printed by {claims.get('citation', 'the source')}; the pressure is the mean over the wall of the vein."
+    if remark := claims.get("remark"):
+        note += f" {remark}"
     table = Table(["claim", "printed", "computed", "gap"], rows)
     return [("Held against the printed numbers", [table, note, _why(runs, claims)])]
 

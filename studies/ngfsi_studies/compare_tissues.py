@@ -5,7 +5,7 @@ Repeats the fluid-structure interaction of the source study and holds its printe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,11 +17,13 @@ from ngfsi.case import Case, Discretisation, Loads, Materials, Output, TimeStepp
 from ngfsi.config.functions import PressureRamp
 from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
+from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
 from ngfsi.units import MMHG
 from ngfsi_studies import tissue_report as report
+from ngfsi_studies.source import claims
 from ngfsi_studies.tissue_figures import draw
-from ngfsi_studies.tissue_findings import Finding, claims, find, numerical_errors
+from ngfsi_studies.tissue_findings import Finding, Row, find, numerical_errors, stored_row
 
 
 class Variant(NamedTuple):
@@ -121,29 +123,35 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome], *, q
     found = {key: find(VARIANTS[key].title, outcome) for key, outcome in outcomes.items()}
     findings = {key: finding for key, finding in found.items() if finding}
     missing = {VARIANTS[key].title: outcomes[key].failure for key, finding in found.items() if finding is None}
-    results = report.results_table(findings.values(), missing)
+    rows = [stored_row(key, finding) for key, finding in findings.items()]
+    if rows:
+        write_rows(folder / "results.csv", rows)
     path = folder / "report.md"
-    replace_file(path, _text(level, findings, results, draw(findings, folder)).encode())
+    replace_file(path, _text(level, findings, rows, missing, draw(findings, folder)).encode())
     if not quiet:
-        console().print(report.terminal_table(findings.values()))
+        console().print(report.terminal_table(rows))
     return path
 
 
-def _text(level: str, findings: Mapping[str, Finding], results: str, files: Any) -> str:
+def _text(
+    level: str, findings: Mapping[str, Finding], rows: Sequence[Row], missing: Mapping[str, str], files: Any
+) -> str:
     claimed = claims()
-    m, n = (findings.get(key) for key in MAIN)
+    shown = report.pattern_table(rows)
     return "\n".join(
         (
             f"# M against N tissue: a deep vein under 25 mmHg, level `{level}`\n",
-            report.headline(m, n, claimed),
-            results,
+            report.headline(rows, claimed, dict(zip("MN", MAIN, strict=True))),
+            report.results_table(rows, missing),
+            *filter(None, [report.notes(findings.values(), missing)]),
             report.ABBREVIATIONS + "\n",
             "## Figures\n",
             report.pictures(files),
             "## The source's numbers\n",
             f"{claimed['citation']}. Computed values are those at the end of the ramp.\n",
-            report.claims_table(findings, claimed, numerical_errors(level)),
+            report.claims_table(rows, claimed, numerical_errors(level)),
             report.reasons(findings, claimed),
+            *(["## The pattern of displacement and wall shear stress\n", shown] if shown else []),
             "## Costs\n",
             report.costs_table(findings.values()),
             f"## To repeat it\n\n    ngfsi study compare_tissues --level {level}\n",

@@ -25,6 +25,7 @@ from ngfsi.study import Results, Study, run_study
 from ngfsi.study.design import STEP, Design, Indices, indices, morris, whole_trajectories
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Effects, elementary_effects
+from ngfsi_studies.source import tables
 from ngfsi_studies.tissue_findings import SWING, mean_sawss
 
 SEED = 7
@@ -76,8 +77,10 @@ class Factor:
 
 
 TISSUE = "materials.tissue."
+BULK = tables("calibration")["bulk_modulus_kPa"]
 FACTORS: tuple[Factor, ...] = (
-    Factor("tissue_K_kPa", "bulk modulus of the tissue", 22.69, 35.41, (TISSUE + "K_kPa",), "the source's subjects"),
+    Factor("tissue_K_kPa", "bulk modulus of the tissue", min(BULK), max(BULK), (TISSUE + "K_kPa",),
+           "the source's subjects"),
     Factor("tissue_stiffness_1", "shear stiffness of the tissue", 0.7, 1.3,
            (TISSUE + "c10", TISSUE + "c01", TISSUE + "c11"), "factor on the constants of the law", relative=True),
     Factor("wall_young_kPa", "Young's modulus of the wall", 93, 173, ("materials.wall.young_kPa",), "133 kPa +- 30 %"),
@@ -85,7 +88,8 @@ FACTORS: tuple[Factor, ...] = (
     Factor("vein_x_mm", "lateral position of the vein", 2, 8, ("geometry.vein_x_mm",), "from mid-calf to the fibula"),
     Factor("vein_y_mm", "anterior position of the vein", -12, -6, ("geometry.vein_y_mm",), "deep posterior muscles"),
     Factor("lumen_mm", "diameter of the lumen", 8, 11.1, ("geometry.lumen_diameter_mm",), "the source's two models"),
-    Factor("flow_ml_s", "inflow Q", 2, 4, ("loads.inlet_flow.value_ml_s",), "2.9 ml/s, about +- 1/3"),
+    Factor("flow_ml_s", "inflow Q", 2, 4, ("loads.inlet_flow.value_ml_s",),
+           "2.9 ml/s, about +- 1/3; inferred, the source prints none"),
     Factor("outlet_mmHg", "outlet pressure", 5, 15, ("loads.outlet_pressure.value_mmHg",), "10 mmHg +- 5: posture"),
     Factor("ends_1", "ends of the segment", 0, 1, ("conditions.ends",), "choice of the model",
            options=("roller", "clamped")),
@@ -167,11 +171,12 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     results = run_study(Study("runs", cases, columns, inputs), folder, quiet=quiet)
     found = {name: _indices(design, results, name) for name in RESULTS}
     errors = _errors(chosen, inputs, results, folder, quiet)
+    outside = _outside(base, folder, quiet)
     write_rows(folder / "effects.csv", _rows(found))
     elementary_effects({f"{r.title} [{_axis(r.unit)}]": _effects(found[name]) for name, r in RESULTS.items()},
                        folder / "effects.png")  # fmt: skip
     path = folder / "report.md"
-    replace_file(path, _text(level, design, results, found, errors).encode())
+    replace_file(path, _text(level, design, results, found, errors, outside).encode())
     if not quiet:
         console().print("\n".join(answer(RESULTS[name], found[name]) for name in RESULTS))
     return path
@@ -222,6 +227,20 @@ def _errors(
     ]
 
 
+def _outside(base: Case, folder: Path, quiet: bool) -> str:
+    """Compute the base with the bulk moduli that are quoted elsewhere, and return what they change."""
+    (bulk,) = (factor for factor in FACTORS if factor.name == "tissue_K_kPa")
+    quoted = tables("calibration")["bulk_modulus_elsewhere_kPa"].values()
+    known = {"base": {}, **{f"K {value:g} kPa": {bulk.name: float(value)} for value in quoted}}
+    cases = {title: varied(base, point) for title, point in known.items()}
+    columns = {name: result.of for name, result in RESULTS.items()}
+    found = run_study(Study("outside", cases, columns, known), folder, quiet=quiet).table
+    heads = [f"{result.title} [{_axis(result.unit)}]" for result in RESULTS.values()]
+    return markdown_table(
+        ("case", *heads), [(title, *(f"{row[name]:.4g}" for name in RESULTS)) for title, row in found.items()]
+    )
+
+
 def _rows(found: Mapping[str, Indices]) -> list[dict[str, float | str]]:
     return [
         {
@@ -268,7 +287,7 @@ def _listed(words: Sequence[str]) -> str:
 
 
 def _text(
-    level: str, design: Design, results: Results, found: Mapping[str, Indices], errors: Sequence[Error]
+    level: str, design: Design, results: Results, found: Mapping[str, Indices], errors: Sequence[Error], outside: str
 ) -> str:  # fmt: skip
     number = len(design.points) // (len(FACTORS) + 1)
     return "\n".join(
@@ -289,6 +308,10 @@ def _text(
             ),
             "The effects are those of these ranges: half of the range of a factor that acts linearly has half of the "
             "effect.\n",
+            "## Bulk moduli outside of the range\n",
+            "What is said above of the bulk modulus holds within the range of the source's subjects. For another "
+            "group's work larger ones are quoted, with which the base gives\n",
+            outside,
             "## How wrong are these runs?\n",
             _error_table(errors),
             "Every run of the study has the coarse mesh and steps in the columns `study`; `reference` is the next "

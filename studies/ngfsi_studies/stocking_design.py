@@ -35,6 +35,7 @@ from ngfsi.study.surrogate import Surrogate
 from ngfsi.units import MMHG, from_si, to_si
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, SkinPressure, lines, skin_pressures
+from ngfsi_studies.source import inferred_flow
 
 Array = NDArray[np.float64]
 
@@ -98,6 +99,11 @@ class Profile(NamedTuple):
         return f"gradient {self.gradient:+.2f}{side}{cycle}"
 
 
+CREDIT = (
+    "That pressing from one side closes a vein further, and moves its blood faster, than pressing all around was found "
+    "before by Dai, Gertler and Kamm, J Biomech Eng 121 (1999) 557, doi 10.1115/1.2800853, with plane sections and "
+    "flow in one dimension."
+)
 STANDARD = {
     "uniform": Profile(),
     "graduated": Profile(gradient=0.3),
@@ -415,8 +421,10 @@ def _text(level: str, found: Found, results: Results) -> str:
             f"{STATIONS} sections of the vein and over a cycle of {PERIOD:g} s (the last of {CYCLES}); the least of "
             "them is what is to be large. `least at any time` is the least without the average over time: it ranks "
             "differently, for pulses stop the flow for a moment. Loss: the largest of any section and time against "
-            "the shape without loads. Tissue M, the inflow constant at 2.9 ml/s: what a profile does to the flow from "
-            "below is not in the model.\n",
+            "the shape without loads. Tissue M, the inflow constant at "
+            f"{inferred_flow():.1f} ml/s (inferred, the source prints none): what a profile does to "
+            "the flow from below is not in the model.\n",
+            f"{CREDIT}\n",
             "![least TAWSS by profile](ranking.png)\n",
             "## Profiles\n",
             "![pressure on the skin](profiles.png)\n",

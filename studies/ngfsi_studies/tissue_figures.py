@@ -12,7 +12,8 @@ from ngfsi.report.render import displacement_picture, wall_shear_picture
 from ngfsi.store.stored import StoredRun
 from ngfsi.units import from_si
 from ngfsi_studies.figures import Group, outlines, stacked_series, time_series
-from ngfsi_studies.tissue_findings import Finding, claims
+from ngfsi_studies.source import claims
+from ngfsi_studies.tissue_findings import Finding
 
 GROUPS = {"m_s1": ("m_s2", "m_s3", "m_s4"), "n_likely": (), "m_tenth": (), "n_printed": (), "m_s1_8mm": (),
           "n_likely_8mm": ()}  # fmt: skip

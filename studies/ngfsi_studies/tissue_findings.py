@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ngfsi.analysis.decomposition import decompose
+from ngfsi.analysis.decomposition import STAGES, decompose
+from ngfsi.analysis.tube import areas, transmural
+from ngfsi.analysis.tube_law import fit
+from ngfsi.errors import SolverError
 from ngfsi.store.stored import StoredRun
 from ngfsi.study import Outcome
 from ngfsi.units import SAME_TIME, from_si
 
 Array = NDArray[np.float64]
+Row = dict[str, Any]
+"""Numbers, words, and "" where there is none, as in a CSV file."""
 
-CLAIMS = Path(__file__).with_name("source_claims.toml")
 ACCURACY = Path(__file__).with_name("accuracy.toml")
 HYDROSTATIC = ("tissue_side", "wall_side", "wall_mean")
 SWING = 0.4
@@ -77,6 +81,8 @@ class Finding:
     """When the skin pressure is reached, or where the run ended before."""
     end: Moment
     failure: str
+    pattern: Pattern | None = None
+    """At `ramp_end`, if fields are stored then."""
 
     @property
     def held(self) -> bool:
@@ -102,7 +108,12 @@ def find(title: str, outcome: Outcome) -> Finding | None:
         ramp_end=_moment(run, row),
         end=_moment(run, len(times) - 1),
         failure=outcome.failure,
+        pattern=pattern(run, float(times[row])) if _has_fields(run, float(times[row])) else None,
     )
+
+
+def _has_fields(run: StoredRun, time: float) -> bool:
+    return any(abs(stored - time) < SAME_TIME for stored in run.field_times())
 
 
 def mean_sawss(run: StoredRun, end: float) -> float:
@@ -137,9 +148,94 @@ def _moment(run: StoredRun, row: int) -> Moment:
     )
 
 
-def claims() -> dict[str, Any]:
-    """Return the numbers that the source prints."""
-    return tomllib.loads(CLAIMS.read_text(encoding="utf-8"))
+@dataclass(frozen=True)
+class Pattern:
+    """Where the tissue moves and the blood shears, which the source tells in words; names are those of columns.
+
+    Attributes:
+        displacement_m: largest of the tissue.
+        direction_rad: of its place around the axis of the segment, 0 lateral, -pi/2 posterior.
+        between_bones_1: displacement of the tissue midway between the bones, at half length, over the largest.
+        shear_distal_1, shear_proximal_1: wall shear stress around the stations of the third of the vein at its inlet
+            and of that at its outlet, over the mean of all stations.
+        shear_variation_1: standard deviation of the wall shear stress over the stations, over its mean.
+        circularity_1: the smallest of all stations, 1 for a circle.
+    """
+
+    displacement_m: float
+    direction_rad: float
+    between_bones_1: float
+    shear_distal_1: float
+    shear_proximal_1: float
+    shear_variation_1: float
+    circularity_1: float
+
+
+def pattern(run: StoredRun, time: float) -> Pattern:
+    """Return the pattern of a calf at a time (s) at which its fields are stored."""
+    grid = run.fields(time)
+    regions = [str(name) for name in grid.field_data["regions"]]
+    tissue = grid.extract_cells(np.flatnonzero(grid.cell_data["region"] == regions.index("tissue")))
+    moved = tissue.point_data["displacement_m"]
+    place, size = tissue.points - moved, np.linalg.norm(moved, axis=1)
+    farthest = int(np.argmax(size))
+    calf = run.case.geometry
+    middle = ((calf.tibia_x + calf.fibula_x) / 2, (calf.tibia_y + calf.fibula_y) / 2, calf.length / 2)
+    between = int(np.argmin(np.linalg.norm(place - middle, axis=1)))
+    row = int(np.argmin(abs(run.series["time_s"] - time)))
+    shear = run.along("wss", "Pa")[row]
+    third = len(shear) // 3
+    shape = run.shape
+    return Pattern(
+        displacement_m=float(size[farthest]),
+        direction_rad=float(np.arctan2(place[farthest, 1], place[farthest, 0])),
+        between_bones_1=float(size[between] / size[farthest]),
+        shear_distal_1=float(shear[:third].mean() / shear.mean()),
+        shear_proximal_1=float(shear[-third:].mean() / shear.mean()),
+        shear_variation_1=float(shear.std() / shear.mean()),
+        circularity_1=float(shape["circularity_1"][abs(shape["time_s"] - run.series["time_s"][row]) < SAME_TIME].min()),
+    )
+
+
+def tube_stiffness(run: StoredRun) -> float | None:
+    """Return K (Pa) of the linear tube law p - p_skin = K (A/A0 - 1) at mid-length; None where it does not fit."""
+    middle = areas(run).shape[1] // 2
+    try:
+        found = fit("linear", transmural(run, "skin")[:, middle], areas(run)[:, middle])
+    except SolverError:
+        return None
+    return float(found.law.stiffness)
+
+
+def stored_row(key: str, finding: Finding) -> Row:
+    """Return the numbers of a run as they are stored beside the report, from which its tables are made."""
+    now, end, law = finding.ramp_end, finding.end, finding.run.case.materials.law_of("tissue")
+    return {
+        "run": key,
+        "title": finding.title,
+        "unknowns": finding.run.manifest["unknowns"],
+        "step_s": finding.run.case.time.step,
+        "lumen_diameter_m": finding.run.case.geometry.lumen_diameter,
+        "shear_modulus_Pa": law.shear_modulus or 0.0,
+        "bulk_modulus_Pa": law.bulk_modulus or 0.0,
+        "time_s": now.time,
+        "skin_pressure_Pa": now.skin_pressure,
+        "loss_1": now.loss,
+        "loss_unloaded_1": now.loss_unloaded,
+        "inflation_1": finding.inflation,
+        "sawss_start_Pa": finding.start_sawss,
+        "sawss_Pa": now.sawss,
+        "sawss_consistent_Pa": float(finding.run.series["sawss_consistent_Pa"][finding.run.loaded_row]),
+        "rise_percent": now.rise,
+        "rise_mean_percent": finding.mean_rise,
+        "rise_held_percent": end.rise if finding.held else "",
+        "period_s": finding.period or "",
+        "tube_stiffness_Pa": tube_stiffness(finding.run) or "",
+        **{f"p_{where}_Pa": now.pressures[where] for where in HYDROSTATIC},
+        **{f"{cause.replace(' ', '_')}_Pa": value for cause, value in now.parts.items() if cause in STAGES},
+        **(asdict(finding.pattern) if finding.pattern else dict.fromkeys((one.name for one in fields(Pattern)), "")),
+        "failure": finding.failure,
+    }  # fmt: skip
 
 
 def numerical_errors(level: str, path: Path = ACCURACY) -> Mapping[str, float]:

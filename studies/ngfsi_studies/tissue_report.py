@@ -11,48 +11,55 @@ from rich.table import Column, Table
 from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.report.tables import markdown_table
 from ngfsi.units import from_si
-from ngfsi_studies.tissue_findings import HYDROSTATIC, SWING, Finding
+from ngfsi_studies.source import inferred_flow, tables
+from ngfsi_studies.tissue_findings import HYDROSTATIC, SWING, Finding, Row
 
 ABBREVIATIONS = (
     "M: Mooney-Rivlin, N: Neo-Hookean tissue; SAWSS: wall shear stress averaged over the deformed inner wall of the "
     "vein; hydrostatic pressure: -tr(sigma)/3, compression positive, at the outer face of the vein wall on the side of "
     "the tissue and on that of the wall, and as a mean over the wall. Losses and rises are relative to the state at "
-    f"t = 0, in which blood flows steadily at 10 mmHg; the mean rise is that over the last {SWING:g} s of the ramp."
+    "t = 0, in which blood flows steadily at 10 mmHg, rises as (c - u)/u, the formula that the source prints; the mean "
+    f"rise is that over the last {SWING:g} s of the ramp."
 )
 
 
-def headline(m: Finding | None, n: Finding | None, claimed: Mapping[str, Any]) -> str:
-    """Return the answer in a sentence per tissue."""
+def headline(rows: Sequence[Row], claimed: Mapping[str, Any], main: Mapping[str, str]) -> str:
+    """Return the answer in a sentence per tissue; `main`: letter of the tissue -> run."""
+    found = {row["run"]: row for row in rows}
     said = []
-    for name, finding in (("M", m), ("N", n)):
-        if finding is None:
+    for name, key in main.items():
+        if not (row := found.get(key)):
             said.append(f"- **{name}** has no result: see the table.")
             continue
-        now, end = finding.ramp_end, finding.end
-        after = f"; once the pressure is held, {end.rise:.0f} % remain" if finding.held else ""
+        held = row["rise_held_percent"]
+        after = f"; once the pressure is held, {held:.0f} % remain" if held != "" else ""
         said.append(
-            f"- **{finding.title}**: at {now.skin_mmhg:.3g} mmHg on the skin the vein has lost "
-            f"**{100 * now.loss:.1f} %** of its volume (the source prints "
-            f"{claimed['volume_reduction_percent'][name]:g} %) and SAWSS has risen by **{now.rise:.0f} %** (printed: "
-            f"{claimed['sawss_rise_percent'][name]:g} %){after}."
+            f"- **{row['title']}**: at {from_si(row['skin_pressure_Pa'], 'mmHg'):.3g} mmHg on the skin the vein has "
+            f"lost **{100 * row['loss_1']:.1f} %** of its volume (the source prints "
+            f"{claimed['volume_reduction_percent'][name]:g} %) and SAWSS has risen by **{row['rise_percent']:.0f} %** "
+            f"(printed: {claimed['sawss_rise_percent'][name]:g} %){after}."
         )
     return "\n".join(said) + "\n"
 
 
-def results_table(findings: Iterable[Finding], missing: Mapping[str, str]) -> str:
-    """Return the main numbers of every run; `missing` says why the runs without a state at t = 0 have none."""
+def results_table(rows: Sequence[Row], missing: Iterable[str] = ()) -> str:
+    """Return the main numbers of every run; `missing` are those without a state at t = 0."""
     head = ("tissue", "skin mmHg", "loss %", "loss, unloaded %", "SAWSS t = 0, Pa", "SAWSS ramp end, Pa", "rise %",
             "mean rise %", "rise after hold %", "p tissue kPa", "p wall side kPa", "p wall mean kPa")  # fmt: skip
-    rows = [_result(finding) for finding in findings]
-    rows += [(title, *["-"] * (len(head) - 1)) for title in missing]
-    notes = [
+    cells = [_result(row) for row in rows]
+    return markdown_table(head, [*cells, *((title, *["-"] * (len(head) - 1)) for title in missing)])
+
+
+def notes(findings: Iterable[Finding], missing: Mapping[str, str]) -> str:
+    """Return why runs ended early, or have no state at t = 0."""
+    said = [
         f"- {f.title} ended early, at {f.end.time:.3g} s and {f.end.skin_mmhg:.3g} mmHg: {f.failure}. "
         + _most_squeezed(f)
         for f in findings
         if f.failure
     ]
-    notes += [f"- {title} has no state at t = 0: {reason}" for title, reason in missing.items()]
-    return markdown_table(head, rows) + "".join(f"\n{note}" for note in notes) + ("\n" if notes else "")
+    said += [f"- {title} has no state at t = 0: {reason}" for title, reason in missing.items()]
+    return "\n".join(said) + "\n" if said else ""
 
 
 def _most_squeezed(finding: Finding) -> str:
@@ -67,51 +74,75 @@ def _most_squeezed(finding: Finding) -> str:
     )
 
 
-def _result(finding: Finding) -> tuple[str, ...]:
-    now = finding.ramp_end
+def _result(row: Row) -> tuple[str, ...]:
     return (
-        finding.title,
-        f"{now.skin_mmhg:.3g}",
-        f"{100 * now.loss:.1f}",
-        f"{100 * now.loss_unloaded:.1f}",
-        f"{finding.start_sawss:.4f}",
-        f"{now.sawss:.4f}",
-        f"{now.rise:.0f}",
-        f"{finding.mean_rise:.0f}",
-        f"{finding.end.rise:.0f}" if finding.held else "-",
-        *(f"{from_si(now.pressures[where], 'kPa'):.2f}" for where in HYDROSTATIC),
+        row["title"],
+        f"{from_si(row['skin_pressure_Pa'], 'mmHg'):.3g}",
+        f"{100 * row['loss_1']:.1f}",
+        f"{100 * row['loss_unloaded_1']:.1f}",
+        f"{row['sawss_start_Pa']:.4f}",
+        f"{row['sawss_Pa']:.4f}",
+        f"{row['rise_percent']:.0f}",
+        f"{row['rise_mean_percent']:.0f}",
+        "-" if row["rise_held_percent"] == "" else f"{row['rise_held_percent']:.0f}",
+        *(f"{from_si(row[f'p_{where}_Pa'], 'kPa'):.2f}" for where in HYDROSTATIC),
     )
 
 
-def claims_table(findings: Mapping[str, Finding], claimed: Mapping[str, Any], errors: Mapping[str, float]) -> str:
+CLAIMED = {"m_s1": "M", "n_likely": "N", "n_printed": "N"}
+"""Run -> letter of the tissue whose printed numbers it is held against."""
+
+
+def claims_table(rows: Sequence[Row], claimed: Mapping[str, Any], errors: Mapping[str, float]) -> str:
     """Return each printed number beside the computed one, the numerical error and the number of the reason."""
     head = ("claim", "computed with", "printed", "computed", "gap", "numerical error", "reason")
-    rows: list[tuple[str, ...]] = []
-    for key, name in (("m_s1", "M"), ("n_likely", "N"), ("n_printed", "N")):
-        if finding := findings.get(key):
-            rows += [(claim, finding.title, *cells) for claim, *cells in _claims(finding, name, claimed, errors)]
-    return markdown_table(head, rows)
+    found = {row["run"]: row for row in rows}
+    cells: list[tuple[str, ...]] = []
+    for key, name in CLAIMED.items():
+        if row := found.get(key):
+            cells += [(claim, row["title"], *rest) for claim, *rest in _claims(row, name, claimed, errors)]
+    return markdown_table(head, cells)
 
 
-def _claims(
-    finding: Finding, name: str, claimed: Mapping[str, Any], errors: Mapping[str, float]
-) -> list[tuple[str, ...]]:
-    now = finding.ramp_end
+def _claims(row: Row, name: str, claimed: Mapping[str, Any], errors: Mapping[str, float]) -> list[tuple[str, ...]]:
     loss, rise, pressure = (
         claimed[key][name] for key in ("volume_reduction_percent", "sawss_rise_percent", "hydrostatic_pressure_kPa")
     )
-    readings = {where: from_si(now.pressures[where], "kPa") for where in HYDROSTATIC}
-    nearest = min(readings, key=lambda where: abs(readings[where] - pressure))
+    lost, wall = 100 * row["loss_1"], from_si(row["p_wall_mean_Pa"], "kPa")
     return [
-        (f"{name}: volume reduction, %", f"{loss:g}", f"{100 * now.loss:.1f}", f"{100 * now.loss - loss:+.1f}",
+        (f"{name}: volume reduction, %", f"{loss:g}", f"{lost:.1f}", f"{lost - loss:+.1f}",
          _error("volume", errors), "1"),
-        (f"{name}: rise of SAWSS, %", f"{rise:g}", f"{now.rise:.0f}", f"{now.rise - rise:+.0f}",
+        (f"{name}: rise of SAWSS, %", f"{rise:g}", f"{row['rise_percent']:.0f}", f"{row['rise_percent'] - rise:+.0f}",
          _error("sawss", errors), "2"),
-        (f"{name}: the same, mean of the last {SWING:g} s", f"{rise:g}", f"{finding.mean_rise:.0f}",
-         f"{finding.mean_rise - rise:+.0f}", _error("mean_sawss", errors), "2"),
-        (f"{name}: hydrostatic pressure, kPa", f"{pressure:g}", " / ".join(f"{v:.2f}" for v in readings.values()),
-         f"{readings[nearest] - pressure:+.2f} ({nearest.replace('_', ' ')})", "not measured", "3"),
+        (f"{name}: the same, mean of the last {SWING:g} s", f"{rise:g}", f"{row['rise_mean_percent']:.0f}",
+         f"{row['rise_mean_percent'] - rise:+.0f}", _error("mean_sawss", errors), "2"),
+        (f"{name}: hydrostatic pressure, mean over the wall, kPa", f"{pressure:g}", f"{wall:.2f}",
+         f"{wall - pressure:+.2f}", "not measured", "3"),
     ]  # fmt: skip
+
+
+def pattern_table(rows: Sequence[Row]) -> str:
+    """Return in numbers what the source says of the pattern in words, of runs whose fields are stored."""
+    head = ("tissue", "largest displacement mm", "its direction", "between the bones, of it", "SAWSS, distal third",
+            "proximal third", "variation along the vein", "least circularity")  # fmt: skip
+    cells = [
+        (
+            row["title"], f"{from_si(row['displacement_m'], 'mm'):.2f}", f"{from_si(row['direction_rad'], 'deg'):.0f}°",
+            f"{row['between_bones_1']:.2f}", f"{row['shear_distal_1']:.2f}", f"{row['shear_proximal_1']:.2f}",
+            f"{row['shear_variation_1']:.2f}", f"{row['circularity_1']:.3f}",
+        )
+        for row in rows
+        if row["displacement_m"] != ""
+    ]  # fmt: skip
+    if not cells:
+        return ""
+    return (
+        markdown_table(head, cells)
+        + "\nDisplacement of the tissue at the end of the ramp, from the state without load; direction of its place "
+        "around the segment: 0° lateral, -90° posterior, ±180° medial. Wall shear stress around stations along the "
+        "vein over its mean, distal at the inlet, proximal at the outlet; its variation is the standard deviation over "
+        "the mean.\n"
+    )
 
 
 def _error(kind: str, errors: Mapping[str, float]) -> str:
@@ -195,8 +226,18 @@ def _shear_reasons(findings: Mapping[str, Finding], printed: Mapping[str, float]
         )
     lines += _swing(findings)
     lines.append(
-        f"   - The {printed['rigid_wall_flow']:g} % printed beside these rises is a ratio. If they are ratios too, "
-        f"{printed['M']:g} and {printed['N']:g} % mean rises of {printed['M'] - 100:g} and {printed['N'] - 100:g} %."
+        f"   - {printed['M']:g} and {printed['N']:g} % are rises by the formula that the source prints, (c - u)/u. The "
+        f"{printed['rigid_wall_flow']:g} % beside them, of flow in a rigid vein, is the ratio of subject "
+        f"{tables('compare_tissues')['subject']}."
+    )
+    lines.append(
+        "   - How the pressure rises within 1 s is not printed: the linear ramp is a choice of this project, and a "
+        "smooth rise ends with another SAWSS (study ramp_shape)."
+    )
+    lines.append(
+        f"   - The source prints no flow. {inferred_flow():.3f} ml/s is inferred: the flow of subject "
+        f"{tables('compare_tissues')['subject']} before compression, scaled by the areas of model and images. The rise "
+        "hangs on it (study flow_rate)."
     )
     return lines
 
@@ -209,16 +250,16 @@ def _swing(findings: Mapping[str, Finding]) -> list[str]:
     return [
         "   - The start of the ramp sets the blood between the given inflow and the given outlet pressure swinging on "
         f"the compliance of the vein, with a period of {named}, and little damps it: SAWSS at one instant depends on "
-        "the phase, its mean hardly does. Coarse steps damp it."
+        "the phase, its mean hardly does. Coarse steps damp it, and a smooth rise hardly excites it."
     ]
 
 
 def _pressure_reason(printed: Mapping[str, float]) -> str:
     return (
-        "3. **Hydrostatic pressure.** The source does not say where it was read: the table gives it on the tissue side "
-        "and the wall side of the outer face of the vein wall and as a mean over the wall, and the gap of the nearest. "
-        f"{printed['M']:g} kPa exceeds the load on the skin (3.33 kPa) and even skin and blood together (4.67 kPa); "
-        "perhaps it was read inside the wall, where compression round the circumference adds."
+        "3. **Hydrostatic pressure.** The source averages it over the wall of the vein, and so does the table of "
+        "claims; on either side of the outer face it is that of the table of results. "
+        f"{printed['M']:g} kPa exceeds the load on the skin (3.33 kPa) and even skin and blood together (4.67 kPa): "
+        "compression round the circumference of the wall adds to them."
     )
 
 
@@ -269,11 +310,11 @@ def pictures(files: Mapping[str, tuple[str, Path | str]]) -> str:
     return "\n".join(parts)
 
 
-def terminal_table(findings: Iterable[Finding]) -> Table:
+def terminal_table(rows: Iterable[Row]) -> Table:
     """Return the main numbers for the terminal."""
     heads = ("skin mmHg", "volume loss %", "SAWSS t = 0, Pa", "SAWSS, Pa", "rise %", "mean rise %")
     table = Table("tissue", *(Column(head, justify="right") for head in heads), title="At the end of the ramp")
-    for finding in findings:
-        title, skin, loss, _, start, sawss, rise, mean = _result(finding)[:8]
-        table.add_row(title, skin, loss, start, sawss, rise, mean, style="red" if finding.failure else "")
+    for row in rows:
+        title, skin, loss, _, start, sawss, rise, mean = _result(row)[:8]
+        table.add_row(title, skin, loss, start, sawss, rise, mean, style="red" if row["failure"] else "")
     return table

@@ -44,6 +44,19 @@ def test_volume_of_a_bent_turning_ellipse() -> None:
     assert where == pytest.approx((*first, 0.0), abs=2e-5)
 
 
+def test_points_of_a_flat_vein_are_found_in_the_straight_mesh() -> None:
+    """On its axis, where it is 3 : 1 and turns, and off it: the places there map back to the points, to rounding."""
+    stack = [ellipse(2.4e-3, 0.8e-3, x=0.3e-3 * k, turn=0.2 * k) for k in range(6)]
+    domain = domain_of(vein(stack, inlet_diameters=2.0))
+    z = np.linspace(1e-3, 9e-3, 9)
+    points = np.column_stack([np.interp(z, np.linspace(0, 10e-3, 6), 0.3e-3 * np.arange(6)), 0 * z, z])
+    points = np.vstack([points, np.add(points, (0.4e-3, 0.1e-3, 0.0))])
+    straight = domain.on_straight_mesh(points)
+    found = ng.CF((ng.x, ng.y, ng.z))(domain.mesh(*straight.T))
+    assert np.abs(found - points).max() < 1e-12
+    assert np.abs(straight - points).max() > 0.2e-3
+
+
 def test_refused_stacks() -> None:
     round_ = ellipse(2e-3, 2e-3)
     with pytest.raises(GeometryError, match="section 3 does not: sort the slices"):

@@ -25,7 +25,10 @@ from ngfsi.store.stored import StoredRun
 from tests.output.fake import CASE, GEOMETRY, fake_run
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-CLAIMS = {"citation": "a book", "volume_reduction_percent": {"M": 30.0}, "sawss_rise_percent": {"M": 205.0}}
+CLAIMS = {
+    "citation": "a book", "remark": "It says no more.", "volume_reduction_percent": {"M": 30.0},
+    "sawss_rise_percent": {"M": 205.0}, "hydrostatic_pressure_kPa": {"M": 5.83},
+}  # fmt: skip
 
 LISTEN = """<script>window.failures = [];
 window.addEventListener('error', e => failures.push(String(e.message)));
@@ -68,6 +71,9 @@ def test_what_it_says(page: Path) -> None:
     ratio = 1.5 * 0.75**-1.5
     assert f"<b>{ratio:.2f}</b>" in text
     assert "fake (M): volume reduction percent</td><td>30</td><td>25</td><td>-5</td>" in text
+    # the mean over the wall, not the 5 kPa of its outer face
+    assert "fake (M): hydrostatic pressure kPa</td><td>5.83</td><td>4</td><td>-1.83</td>" in text
+    assert "Printed by a book; the pressure is the mean over the wall of the vein. It says no more." in text
     # (1 - 0.3)^-1.5: what the printed loss explains
     assert "a loss of 30 % raises SAWSS by 71 %, not by 205 %" in text
     # the fake's area is linear in the pressure on the skin
