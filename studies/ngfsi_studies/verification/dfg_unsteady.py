@@ -65,7 +65,7 @@ CASE = Benchmark(
 )
 FIRST, WHOLE = "first half", "whole wave"
 LEVELS = {
-    "ci": {FIRST: ({"order": 3, "size": 0.6, "h": 0.1, "end": 4.2},)},
+    "ci": {FIRST: ({"order": 3, "size": 0.7, "h": 0.2, "end": 4.2},)},
     "full": {WHOLE: tuple({"order": 3, "size": 0.6, "h": h, "end": END} for h in (0.005, 0.0025))},
 }
 SOURCE = "V. John, Int J Numer Meth Fluids 44 (2004) 777"

@@ -103,7 +103,7 @@ CASE = Benchmark(
 )
 COARSE, FINE = "coarse", "fine"
 LEVELS = {
-    "ci": {COARSE: ({"order": 2, "layers": 12, "h": 4e-4, "end": FIRST_PASSAGE},)},
+    "ci": {COARSE: ({"order": 2, "layers": 8, "h": 4e-4, "end": FIRST_PASSAGE},)},
     "full": {FINE: tuple({"order": 3, "layers": 12, "h": h, "end": FIRST_PASSAGE} for h in (1e-4, 5e-5))},
 }
 OWN = "ngfsi, extrapolated in order"

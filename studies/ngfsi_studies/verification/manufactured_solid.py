@@ -49,10 +49,12 @@ def compute(setting: Setting) -> Values:
     forces.Assemble()
     found = GridFunction(space)
     found.Set(exact)
+    start = np.array(found.vec)
     outer = domain.boundaries("skin", "tissue_top", "tissue_bottom", "wall_top", "wall_bottom", "inlet", "outlet")
     found.Set(exact, definedon=outer, bonus_intorder=4)
     free = ~np.array(list(space.GetDofs(outer)))
-    solve(form, found, free, forces)
+    found.vec.FV().NumPy()[free] = start[free]  # which NGSolve has set to zero
+    solve(form, found, free, forces, tolerance=1e-9)
 
     return {
         "displacement, L2 error": relative_error(found, exact, domain, *REGIONS),
@@ -68,7 +70,7 @@ CASE = Benchmark(
     compute=compute,
 )
 LEVELS = {
-    "ci": {f"k = {k}": tuple({"order": k, "h": h} for h in ((0.5, 0.25) if k == 1 else (1.0, 0.5))) for k in (1, 2, 3)},
+    "ci": {f"k = {k}": tuple({"order": k, "h": h} for h in (1.0, 0.5)) for k in (1, 2)},
     "full": {
         f"k = {k}": tuple({"order": k, "h": h} for h in sizes)
         for k, sizes in {1: (1.0, 0.5, 0.25), 2: (1.0, 0.5, 0.25), 3: (1.0, 0.5), 4: (1.0, 0.5)}.items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import ngsolve as ng
@@ -101,22 +101,22 @@ CASE = Benchmark(
 )
 
 
-def _levels(steps: Sequence[float], sizes: Mapping[int, Sequence[float]]) -> dict[str, tuple[Setting, ...]]:
-    shaken = {"amplitude": AMPLITUDE}
-    return {
-        "time steps": tuple({**shaken, "order": 4, "size": 0.3, "step": h, "h": h} for h in steps),
-        **{
-            f"elements, k = {k}": tuple(
-                {**shaken, "order": k, "size": h, "step": 1 / (40 if k == 2 else 160), "h": h} for h in of_order
-            )
-            for k, of_order in sizes.items()
-        },
-    }
+def _shaken(order: int, sizes: Sequence[float], steps: Sequence[int]) -> tuple[Setting, ...]:
+    """Return settings of one size of elements or one number of steps per period; the other is refined."""
+    return tuple(
+        {"amplitude": AMPLITUDE, "order": order, "size": size, "step": 1 / n, "h": 1 / n if len(sizes) == 1 else size}
+        for size in sizes
+        for n in steps
+    )
 
 
 LEVELS = {
-    "ci": _levels((1 / 10, 1 / 20), {2: (0.6, 0.3)}),
-    "full": _levels((1 / 20, 1 / 40, 1 / 80), {2: (0.6, 0.3), 3: (0.6, 0.3)}),
+    "ci": {"time steps": _shaken(3, (0.3,), (10, 20)), "elements, k = 2": _shaken(2, (0.6, 0.3), (20,))},
+    "full": {
+        "time steps": _shaken(4, (0.3,), (20, 40, 80)),
+        "elements, k = 2": _shaken(2, (0.6, 0.3), (40,)),
+        "elements, k = 3": _shaken(3, (0.6, 0.3), (160,)),
+    },
 }
 ALLOWED = {"time steps": 1e-3, "elements, k = 2": 3e-3, "elements, k = 3": 3e-4}
 REFERENCES = (

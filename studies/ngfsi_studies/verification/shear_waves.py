@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -205,25 +205,29 @@ CASE = Benchmark(
 )
 
 
-def _levels(time: Sequence[float], space: Mapping[int, Sequence[float]], pipe: Sequence[float]) -> dict[str, Any]:
-    channel = {"shape": "channel", "scheme": "bdf2"}
-    return {
-        "channel, time steps": tuple({**channel, "order": 4, "size": 0.25, "step": h, "h": h} for h in time),
-        **{
-            f"channel, elements, k = {k}": tuple(
-                {**channel, "order": k, "size": h, "step": 1 / (320 if k == 2 else 640), "h": h} for h in sizes
-            )
-            for k, sizes in space.items()
-        },
-        "pipe, time steps": tuple(
-            {"shape": "pipe", "scheme": "bdf2", "order": 3, "size": 0.5, "step": h, "h": h} for h in pipe
-        ),
-    }
+def _channel(order: int, sizes: Sequence[float], steps: Sequence[int]) -> tuple[Setting, ...]:
+    """Return settings of one size of elements or one number of steps per period; the other is refined."""
+    return tuple(
+        {"shape": "channel", "scheme": "bdf2", "order": order, "size": size, "step": 1 / n,
+         "h": 1 / n if len(sizes) == 1 else size}
+        for size in sizes
+        for n in steps
+    )  # fmt: skip
 
 
 LEVELS = {
-    "ci": {name: settings for name, settings in _levels((1 / 20, 1 / 40), {2: (0.6, 0.2)}, ()).items() if settings},
-    "full": _levels((1 / 20, 1 / 40, 1 / 80), {2: (0.6, 0.2), 3: (1.0, 0.5, 0.25)}, (1 / 20, 1 / 40)),
+    "ci": {
+        "channel, time steps": _channel(3, (0.5,), (20, 40)),
+        "channel, elements, k = 2": _channel(2, (0.6, 0.3), (160,)),
+    },
+    "full": {
+        "channel, time steps": _channel(4, (0.25,), (20, 40, 80)),
+        "channel, elements, k = 2": _channel(2, (0.6, 0.2), (320,)),
+        "channel, elements, k = 3": _channel(3, (1.0, 0.5, 0.25), (640,)),
+        "pipe, time steps": tuple(
+            {"shape": "pipe", "scheme": "bdf2", "order": 3, "size": 0.5, "step": h, "h": h} for h in (1 / 20, 1 / 40)
+        ),
+    },
 }
 SERIES = {"channel, time steps": 2.0, "channel, elements, k = 2": 3.0, "channel, elements, k = 3": 4.0,
           "pipe, time steps": 2.0}  # fmt: skip

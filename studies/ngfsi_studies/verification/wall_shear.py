@@ -188,7 +188,7 @@ def _levels(tubes: Iterable[str], orders: dict[str, tuple[int, ...]]) -> dict[st
 
 SIZES = (1.0, 0.5)
 LEVELS = {
-    "ci": _levels(("oval", "moving"), {"hexahedra": (2,)}),
+    "ci": _levels(("moving",), {"hexahedra": (2,)}),
     "full": _levels(TUBES, {"hexahedra": (2, 3), "prisms": (2, 3)}),
 }
 
