@@ -91,7 +91,10 @@ def animation(run: StoredRun, path: Path) -> str:
     """
     times = run.field_times("wall")
     if not times:
-        return f"the run in '{run.path}' holds no fields of the wall yet"
+        lacks = (
+            "holds no fields of the wall yet" if run.lumens else "is of no vessel with blood: there is no wall shear"
+        )
+        return f"the run in '{run.path}' {lacks}"
     chosen = [times[i] for i in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int))]
     return _in_child(Request("animation", {run.case.name: str(run.path)}, chosen, str(path)))
 

@@ -20,8 +20,8 @@ from ngfsi.store.table import read_table
 from ngfsi.store.vessels import StoredVessel
 from ngfsi.units import SAME_TIME
 
-SAME_PRESSURE = 1e-9
-"""Relative difference of pressures that is rounding."""
+SAME_LOAD = 1e-9
+"""Relative difference of loads that is rounding."""
 COMMON = ("time_", "step_", "skin_", "displacement_", "detF_")
 """Beginnings of columns that are of no single vessel."""
 
@@ -89,12 +89,27 @@ class StoredRun:
         return found if found is not None and np.any(found) else None
 
     @property
+    def _loaded_rows(self) -> NDArray[np.int64]:
+        """Rows of the series in which the load is at its largest: the size of the pressure on the skin, or else, of
+        solids alone, their displacement; all rows if that never changes."""
+        load = self.skin_pressure
+        if load is None and not self.lumens:
+            load = self.series.get("displacement_max_m")
+        size = np.zeros(len(self.series["time_s"])) if load is None else np.abs(load)
+        return np.flatnonzero(size >= (1 - SAME_LOAD) * size.max())
+
+    @property
     def loaded_row(self) -> int:
-        """Row of the series in which the pressure on the skin is first at its largest; the last if it never changes."""
-        pressure = self.skin_pressure
-        if pressure is None or np.ptp(pressure) <= SAME_PRESSURE * pressure.max():
-            return len(self.series["time_s"]) - 1
-        return int(np.argmax(pressure >= (1 - SAME_PRESSURE) * pressure.max()))
+        """Row of the series in which the load, see `loaded_time`, is first at its largest; the last if it never
+        changes."""
+        rows, last = self._loaded_rows, len(self.series["time_s"]) - 1
+        return last if len(rows) > last else int(rows[0])
+
+    @property
+    def loaded_time(self) -> float:
+        """Last time (s) at which the load is at its largest: the pressure on the skin, cuffs included, or, of solids
+        alone without such, their displacement; the end where there is no load that changes."""
+        return float(self.series["time_s"][self._loaded_rows[-1]])
 
     def along(self, name: str, unit: str) -> NDArray[np.float64]:
         """Return a quantity of the series at each station along the vessel over time, (times, stations).
