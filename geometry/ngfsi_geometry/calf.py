@@ -61,7 +61,7 @@ class CalfSegment(VeinSegment):
     def veins(self) -> tuple[RoundVein, ...]:
         """All veins, the first one of `lumen_diameter` at (`vein_x`, `vein_y`)."""
         further = enumerate(self.further_veins, start=2)
-        others = (RoundVein(k, v.x, v.y, v.lumen_diameter / 2, v.wall_thickness) for k, v in further)
+        others = (RoundVein(k, v.x, v.y, v.lumen_diameter / 2, v.wall_thickness, self.hollow) for k, v in further)
         return *super().veins, *others
 
     @property

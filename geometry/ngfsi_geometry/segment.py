@@ -78,6 +78,7 @@ class RoundVein:
         number: 1 for the first of a segment, which has the plain names; the names of others end in it.
         x, y: position of its axis [m].
         lumen_radius, wall_thickness: [m].
+        hollow: whether the lumen is a hole.
     """
 
     number: int
@@ -85,6 +86,7 @@ class RoundVein:
     y: float
     lumen_radius: float
     wall_thickness: float
+    hollow: bool
 
     def named(self, part: str) -> str:
         """Return the name of a part of this vein."""
@@ -107,22 +109,25 @@ class RoundVein:
     @property
     def ends(self) -> dict[str, tuple[str, str]]:
         """Region -> boundary names of its faces at z = 0 and z = length."""
-        pairs = {"fluid": ("inlet", "outlet"), "wall": ("wall_bottom", "wall_top")}
+        blood = {} if self.hollow else {"fluid": ("inlet", "outlet")}
+        pairs = blood | {"wall": ("wall_bottom", "wall_top")}
         return {self.named(region): (self.named(low), self.named(high)) for region, (low, high) in pairs.items()}
 
     def layers(self, mesh: MeshSettings) -> list[tuple[Circle, str]]:
         """Return the circles inside the outer wall surface, from outside inwards, with the region outside each."""
         fractions = np.arange(mesh.wall_layers - 1, 0, -1) / mesh.wall_layers
         wall = [self.circle("wall_layer", self.lumen_radius + f * self.wall_thickness) for f in fractions]
-        lumen = [self.circle("lumen_layer", f * self.lumen_radius) for f in mesh.lumen_radii]
+        inside = () if self.hollow else mesh.lumen_radii
+        lumen = [self.circle("lumen_layer", f * self.lumen_radius) for f in inside]
         return [(c, self.named("wall")) for c in (*wall, self.interface)] + [(c, self.named("fluid")) for c in lumen]
 
     def vessel(self, length: float, outer: bool) -> Vessel:
         """Return what a geometry says of this vein; outer: whether there is tissue around it."""
+        filled = not self.hollow
         return Vessel(
-            name="" if self.number == 1 else f"vein_{self.number}", lumen=self.named("fluid"),
+            name="" if self.number == 1 else f"vein_{self.number}", lumen=self.named("fluid") if filled else None,
             interface=self.interface.name, wall=self.named("wall"), outer=self.wall_outer.name if outer else None,
-            inlets=(self.named("inlet"),), outlets=(self.named("outlet"),),
+            inlets=(self.named("inlet"),) if filled else (), outlets=(self.named("outlet"),) if filled else (),
             centreline=((self.x, self.y, 0.0), (self.x, self.y, length)), radius=self.lumen_radius,
         )  # fmt: skip
 
@@ -145,6 +150,10 @@ class VeinSegment(ConfigModel):
         "the imperfection of mode 2 from which a vein collapses; the wall follows in proportion",
     )
     oval_direction: Angle = Field(0.0, description="of the ellipse's longer axis, from x (lateral) to y (anterior)")
+    hollow: bool = Field(
+        False,
+        description="whether lumens are holes without blood, in which `loads.outlet_pressure` presses: solids alone",
+    )
     mesh: MeshSettings = MeshSettings()
 
     @property
@@ -160,7 +169,7 @@ class VeinSegment(ConfigModel):
     @property
     def veins(self) -> tuple[RoundVein, ...]:
         """All veins, the first one of `lumen_diameter` at (`vein_x`, `vein_y`)."""
-        return (RoundVein(1, self.vein_x, self.vein_y, self.lumen_radius, self.wall_thickness),)
+        return (RoundVein(1, self.vein_x, self.vein_y, self.lumen_radius, self.wall_thickness, self.hollow),)
 
     @property
     def vessels(self) -> tuple[Vessel, ...]:
@@ -236,7 +245,7 @@ class VeinSegment(ConfigModel):
     @property
     def internal_names(self) -> tuple[str, ...]:
         """Boundaries inside a region that the mesh may have: surfaces between layers of elements."""
-        return "lumen_layer", "wall_layer"
+        return ("wall_layer",) if self.hollow else ("lumen_layer", "wall_layer")
 
     def shape_map(self) -> Any:
         """Return the displacement [m] from the meshed shape to the reference shape, or None if they are the same.
@@ -274,7 +283,9 @@ class VeinSegment(ConfigModel):
         for vein in self.veins:
             ellipse = 1 - (self.oval / self.lumen_radius) ** 2 if vein.number == 1 else 1.0
             lumen, outer = (pi * circle.radius**2 * ellipse for circle in (vein.interface, vein.wall_outer))
-            found |= {vein.named("wall"): (outer - lumen) * self.length, vein.named("fluid"): lumen * self.length}
+            found[vein.named("wall")] = (outer - lumen) * self.length
+            if not self.hollow:
+                found[vein.named("fluid")] = lumen * self.length
             holes.append(outer)
         holes += [pi * bone.radius**2 for bone in self.bones]
         tissue = {"tissue": self.skin_volume() - sum(holes) * self.length} if "tissue" in self.solids else {}
@@ -310,7 +321,8 @@ class VeinSegment(ConfigModel):
 
     def _filled(self, section: SectionMesh, vein: RoundVein, hole: str) -> SectionMesh:
         """Return a section with a vein in its hole."""
-        return fill_vein(section, hole, vein.layers(self.mesh), vein.named("fluid"), self.mesh.element != "mixed")
+        core = None if self.hollow else vein.named("fluid")
+        return fill_vein(section, hole, vein.layers(self.mesh), core, self.mesh.element != "mixed")
 
     def _mesh_of_solids(self) -> Any:
         from ngfsi_geometry.csg import mesh_of_solids  # with Netgen's CSG, which nothing else needs
@@ -318,7 +330,8 @@ class VeinSegment(ConfigModel):
         tissue = "tissue" in self.solids
         regions: dict[str, tuple[Circle, Sequence[Circle]]] = {}
         for vein in self.veins:
-            regions[vein.named("fluid")] = (vein.interface, ())
+            if not self.hollow:
+                regions[vein.named("fluid")] = (vein.interface, ())
             regions[vein.named("wall")] = (vein.wall_outer if tissue else self.skin, (vein.interface,))
         if tissue:
             regions["tissue"] = (self.skin, (*self.outer_walls, *self.bones))
