@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.errors import OutputError
-from ngfsi.measure.shear_history import ShearHistory, slope
+from ngfsi.measure.shear_history import ShearHistory, slope, within
 from ngfsi.store.disk import explained
 from ngfsi.store.folder import CASE, MANIFEST
 from ngfsi.store.table import read_table
@@ -210,23 +210,27 @@ class StoredRun:
         Thromb 12, 1992, of the average over time; Pa/m). The shape is that at the last time.
 
         Args:
-            start, end: s, e.g. of the last period; the stored times between them count.
+            start, end: s, e.g. of the last period; default: the whole run. They need not be stored times, between
+                which the stress goes by lines.
 
         Raises:
-            OutputError: fewer than two states of the wall are stored then.
+            OutputError: states of the wall are not stored from start to end.
         """
-        times = [time for time in self.field_times("wall") if start - SAME_TIME <= time <= end + SAME_TIME]
-        if len(times) < 2:
+        times = np.array(self.field_times("wall"))
+        last = times[-1] if len(times) else 0.0
+        end = last if end == float("inf") else end
+        if not (len(times) > 1 and times[0] - SAME_TIME <= start < end <= last + SAME_TIME):
             raise OutputError(
-                f"the run in '{self.path}' holds {len(times)} states of the wall from {start:g} to {end:g} s: averages "
-                "need two or more"
+                f"the run in '{self.path}' holds {len(times)} states of the wall up to {last:g} s: averages from "
+                f"{start:g} to {end:g} s need two or more around that time"
             )
-        shear = []
+        before, after = np.searchsorted(times, [start + SAME_TIME, end - SAME_TIME])
+        times, shear = times[before - 1 : after + 1], []
         for time in times:
             wall = self.fields(time, "wall")
             parts = [wall.point_data[f"wall_shear_{way}_Pa"] for way in ("axial", "circumferential")]
             shear.append(np.stack(parts, axis=1).astype(float))
-        found = ShearHistory.of(np.array(times), np.array(shear))
+        found = ShearHistory.of(*within(times, np.array(shear), start, end))
         wall.clear_data()
         for name, values in (("TAWSS_Pa", found.tawss), ("OSI_1", found.osi), ("RRT_1_Pa", found.rrt)):
             wall.point_data[name] = values
@@ -238,6 +242,12 @@ class StoredRun:
 
         path = self.path / f"{which}.pvd"
         return pyvista.get_reader(str(path)) if path.exists() else None
+
+
+def mean_over_steps(series: Columns, column: str) -> float:
+    """Return the mean of a column over the time after t = 0, each value counting for the step that it ends: where a
+    load starts with a jump of its rate, the value at t = 0 is of no time."""
+    return float(np.average(series[column][1:], weights=np.diff(series["time_s"])))
 
 
 def check_folder(folder: Path) -> None:
