@@ -87,8 +87,8 @@ class PressureOn(OnSolids, WithValue):
         return Kinematics(0 * grad_m if self._setup.small else grad_m)
 
     def sentence(self) -> str:
-        """Return what acts now."""
-        return f"{self.value.Get():.4g} Pa {self.name}"
+        """Return what acts now; no pressure is not worth a word, least of all on a skin that cuffs press."""
+        return f"{self.value.Get():.4g} Pa {self.name}" if self.value.Get() else ""
 
 
 class BloodReference(WithValue):

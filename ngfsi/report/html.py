@@ -353,12 +353,10 @@ def _lost(values: Any, row: int) -> Any:
 
 def _on_skin(run: StoredRun, row: int) -> str:
     """Return the pressure on the skin (mmHg): its mean, and its largest value where cuffs make it differ."""
-    if run.skin_pressure is None:
+    found = run.on_skin(run.series["time_s"][row])
+    if not found:
         raise KeyError
-    mean = run.skin_pressure[row]
-    most = run.series.get("skin_pressure_max_Pa", run.skin_pressure)[row]
-    more = f", most {from_si(most, 'mmHg'):.3g}" if most > 1.001 * mean else ""
-    return f"{from_si(mean, 'mmHg'):.3g}{more}"
+    return ", most ".join(f"{from_si(pressure, 'mmHg'):.3g}" for pressure in found)
 
 
 def _defect(run: StoredRun, _: int) -> str:

@@ -22,6 +22,8 @@ from ngfsi.units import SAME_TIME
 
 SAME_LOAD = 1e-9
 """Relative difference of loads that is rounding."""
+EVEN = 1e-3
+"""Relative difference of the largest pressure on the skin from its mean from which it is not even."""
 COMMON = ("time_", "step_", "skin_", "displacement_", "detF_")
 """Beginnings of columns that are of no single vessel."""
 
@@ -87,6 +89,15 @@ class StoredRun:
         """Pressure on the skin over time, mean over its area with all cuffs, Pa; None: there is none."""
         found = self.series.get("skin_pressure_mean_Pa", self.series.get("skin_pressure_Pa"))
         return found if found is not None and np.any(found) else None
+
+    def on_skin(self, time: float) -> list[float]:
+        """Return the pressure on the skin at a time (s), cuffs included (Pa): mean over its area and, where they make it
+        differ, its largest value; nothing: there is none."""
+        if self.skin_pressure is None:
+            return []
+        pressures = self.skin_pressure, self.series.get("skin_pressure_max_Pa", self.skin_pressure)
+        mean, most = (float(np.interp(time, self.series["time_s"], one)) for one in pressures)
+        return [mean, most] if most - mean > EVEN * abs(mean) else [mean]
 
     @property
     def _loaded_rows(self) -> NDArray[np.int64]:

@@ -255,7 +255,7 @@ def test_cuffs(tmp_path: Path) -> None:
     assert "<td>10, most 30</td>" in text
     # the fake's transmural pressure does not change with the cuffs: no law, and without one no flow in one dimension
     assert not {"Tube law", "In one dimension"} & {*headings}
-    assert render._caption(run, 1.0) == "t = 1.00 s, 10.0 mmHg on the skin"
+    assert render._caption(run, 1.0) == "t = 1.00 s, 10.0 mmHg on the skin, most 30.0"
     assert transmission(run)[run.loaded_row] == pytest.approx(3000 / (4e3 / 3))
 
 
