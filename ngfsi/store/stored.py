@@ -91,8 +91,8 @@ class StoredRun:
         return found if found is not None and np.any(found) else None
 
     def on_skin(self, time: float) -> list[float]:
-        """Return the pressure on the skin at a time (s), cuffs included (Pa): mean over its area and, where they make it
-        differ, its largest value; nothing: there is none."""
+        """Return the pressure on the skin at a time (s), cuffs included (Pa): mean over its area and, where that is
+        less, its largest value; nothing: there is none."""
         if self.skin_pressure is None:
             return []
         pressures = self.skin_pressure, self.series.get("skin_pressure_max_Pa", self.skin_pressure)
