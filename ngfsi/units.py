@@ -51,6 +51,7 @@ UNITS: dict[str, Unit] = {
     "m_s": Unit("velocity", 1.0),
     "cm_s": Unit("velocity", 1e-2),
     "mm_s": Unit("velocity", 1e-3),
+    "m_s2": Unit("acceleration", 1.0),
     "m3_s": Unit("flow_rate", 1.0),
     "ml_s": Unit("flow_rate", 1e-6),
     "ml_min": Unit("flow_rate", 1e-6 / 60),
@@ -86,6 +87,7 @@ Area = Annotated[float, Dimension("area")]
 Volume = Annotated[float, Dimension("volume")]
 Time = Annotated[float, Dimension("time")]
 Velocity = Annotated[float, Dimension("velocity")]
+Acceleration = Annotated[float, Dimension("acceleration")]
 FlowRate = Annotated[float, Dimension("flow_rate")]
 Pressure = Annotated[float, Dimension("pressure")]
 Density = Annotated[float, Dimension("density")]

@@ -85,7 +85,8 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
         "manifest": {"seconds": {"assembly": 5.0, "measures": 2.0}, "unknowns": 9, "factorisations": 1},
         "costs": {name: np.full(3, value) for name, value in
                   (("step", 1.0), ("iterations", 4.0), ("wall_s", 2.0))},
-        "series": {"lumen_volume_m3": np.array([9e-6, 8e-6]), "sawss_Pa": np.array([9.0, 0.1, 0.3])},
+        "series": {"time_s": np.array([0.0, 0.01, 0.04]), "lumen_volume_m3": np.array([9e-6, 8e-6]),
+                   "sawss_Pa": np.array([9.0, 0.1, 0.3])},
     })()  # fmt: skip
     monkeypatch.setattr(bench.process.subprocess, "Popen", Process)
     monkeypatch.setattr(bench.os, "wait4", lambda *_: (1, 0, usage))
@@ -95,8 +96,8 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
     assert ran[0].time.end == pytest.approx(0.03)
     assert (found.seconds, found.whole_s, found.iterations, found.memory) == (10.0, 15.0, 12, 2.0)
     assert found.phases == {"assembly": 5.0, "measures": 2.0, bench.OUTSIDE: 3.0}
-    # at the end, and the mean of the steps, of which the state at t = 0 is none
-    assert found.results == pytest.approx({"lumen, mm3": 8000.0, "mean SAWSS, Pa": 0.2}, rel=1e-12)
+    # at the end, and the mean of the steps by their size, of which the state at t = 0 is none
+    assert found.results == pytest.approx({"lumen, mm3": 8000.0, "mean SAWSS, Pa": 0.25}, rel=1e-12)
 
 
 def test_a_run_that_fails_is_named_and_the_rounds_before_it_are_kept(

@@ -179,6 +179,15 @@ def test_the_last_cycle_counts_and_its_worst_section() -> None:
     assert stocking_design.COLUMNS["least_outflow_m3_s"](run) == pytest.approx(-1e-6, rel=1e-6)
 
 
+def test_the_last_cycle_is_one_period_whatever_the_steps() -> None:
+    """Steps of 0.17 s in a period of 2 s, some halved: the mean of a swing is its mean."""
+    times = np.sort(np.r_[np.arange(0, 3.0, 0.17), 1.955, 2.125, 2.295])
+    run = fake(times, np.outer(1 + 0.5 * np.sin(2 * pi * times / PERIOD), np.full(11, 0.2)))
+    assert stocking_design.over_cycle(run) == pytest.approx(0.2, rel=2e-2)
+    cycle, _ = stocking_design._last_cycle(run)
+    assert cycle[-1] - cycle[0] == pytest.approx(PERIOD, rel=1e-12)
+
+
 def test_the_best_of_a_known_response_is_found_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Best where the distal pressure is lowest, half of the pressure in cycles with a lag of 0.15, all around.
 

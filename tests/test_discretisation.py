@@ -51,11 +51,23 @@ def test_the_cheapest_of_the_good_is_named() -> None:
 
 
 def test_changes_between_rules() -> None:
-    """Of area and wall shear the largest over time, of the mean that of the ramp without its begin."""
-    reference = {"lumen_volume_m3": np.array([9e-6, 8e-6, 7e-6]), "sawss_Pa": np.array([0.1, 0.2, 0.2])}
-    other = {"lumen_volume_m3": np.array([9e-6, 8.0008e-6, 7e-6]), "sawss_Pa": np.array([0.11, 0.202, 0.2])}
+    """Of area and wall shear the largest over time, of the mean that of the ramp without its begin; a step that was
+    halved in one of the runs counts for no more than its time."""
+    reference = {
+        "time_s": np.array([0.0, 0.5, 1.0]),
+        "lumen_volume_m3": np.array([9e-6, 8e-6, 7e-6]),
+        "sawss_Pa": np.array([0.1, 0.2, 0.2]),
+    }
+    other = {
+        "time_s": reference["time_s"],
+        "lumen_volume_m3": np.array([9e-6, 8.0008e-6, 7e-6]),
+        "sawss_Pa": np.array([0.11, 0.202, 0.2]),
+    }
     changes = integration.changes_of(other, reference)
     assert changes == pytest.approx({"area": 1e-4, "sawss": 0.1, "mean": 5e-3}, rel=1e-6)
+    halved = {"time_s": np.array([0.0, 0.5, 0.75, 1.0])}
+    halved |= {name: np.insert(column, 2, column[2]) for name, column in other.items() if name != "time_s"}
+    assert integration.changes_of(halved, reference) == pytest.approx(changes, rel=1e-6)
 
 
 def test_more_points_and_nothing_else() -> None:

@@ -62,7 +62,9 @@ class CalfSegment(VeinSegment):
     def veins(self) -> tuple[StraightVein, ...]:
         """All veins, the first one of `lumen_diameter` at (`vein_x`, `vein_y`)."""
         further = enumerate(self.further_veins, start=2)
-        others = (StraightVein(k, v.x, v.y, v.lumen_diameter / 2, v.wall_thickness) for k, v in further)
+        others = (
+            StraightVein(k, v.x, v.y, v.lumen_diameter / 2, v.wall_thickness, hollow=self.hollow) for k, v in further
+        )
         return *super().veins, *others
 
     @property

@@ -190,7 +190,7 @@ def counter_clockwise(points: Points, triangles: Indices) -> Indices:
 
 
 def fill_vein(
-    section: SectionMesh, hole: str, layers: Sequence[tuple[Ellipse, str]], core: str, split: bool
+    section: SectionMesh, hole: str, layers: Sequence[tuple[Ellipse, str]], core: str | None, split: bool
 ) -> SectionMesh:
     """Fill a hole of a section with concentric layers and a core.
 
@@ -198,7 +198,7 @@ def fill_vein(
         section: has a ring around the hole, which is the outer wall of a vein.
         hole: name of the ring's circle.
         layers: circles from outside inwards, each with the material between it and the circle before it.
-        core: material inside the last circle.
+        core: material inside the last circle; None: it stays a hole.
         split: layers of triangles instead of quadrilaterals.
     """
     (rim,) = (ring for ring in section.rings if ring.circle.name == hole)
@@ -213,6 +213,8 @@ def fill_vein(
         cells.append((material, annulus(nodes, new, split)))
         circle, nodes, outside, count = inner, new, material, count + len(new)
     rings.append(Ring(circle, nodes, core, outside))
+    if core is None:
+        return SectionMesh(np.vstack(points), cells, rings)
     core_points, core_triangles = fill_core(circle, nodes, angles, count)
     return SectionMesh(np.vstack([*points, core_points]), [*cells, (core, core_triangles)], rings)
 

@@ -88,6 +88,7 @@ class StraightVein:
         wall_thickness: [m].
         aspect_ratio: of the lumen's axes.
         direction: of the longer axis, from x to y [rad].
+        hollow: whether the lumen is a hole.
     """
 
     number: int
@@ -97,6 +98,7 @@ class StraightVein:
     wall_thickness: float
     aspect_ratio: float = 1.0
     direction: float = 0.0
+    hollow: bool = False
 
     def named(self, part: str) -> str:
         """Return the name of a part of this vein."""
@@ -127,22 +129,24 @@ class StraightVein:
     @property
     def ends(self) -> dict[str, tuple[str, str]]:
         """Region -> boundary names of its faces at z = 0 and z = length."""
-        pairs = {"fluid": ("inlet", "outlet"), "wall": ("wall_bottom", "wall_top")}
+        blood = {} if self.hollow else {"fluid": ("inlet", "outlet")}
+        pairs = blood | {"wall": ("wall_bottom", "wall_top")}
         return {self.named(region): (self.named(low), self.named(high)) for region, (low, high) in pairs.items()}
 
     def layers(self, mesh: MeshSettings) -> list[tuple[Ellipse, str]]:
         """Return the ellipses inside the outer wall surface, from outside inwards, with the region outside each."""
         fractions = np.arange(mesh.wall_layers - 1, 0, -1) / mesh.wall_layers
         wall = [self.interface.wider("wall_layer", float(f) * self.wall_thickness) for f in fractions]
-        lumen = [self.interface.scaled("lumen_layer", f) for f in mesh.lumen_radii]
+        lumen = [self.interface.scaled("lumen_layer", f) for f in (() if self.hollow else mesh.lumen_radii)]
         return [(c, self.named("wall")) for c in (*wall, self.interface)] + [(c, self.named("fluid")) for c in lumen]
 
     def vessel(self, length: float, outer: bool) -> Vessel:
         """Return what a geometry says of this vein; outer: whether there is tissue around it."""
+        filled = not self.hollow
         return Vessel(
-            name="" if self.number == 1 else f"vein_{self.number}", lumen=self.named("fluid"),
+            name="" if self.number == 1 else f"vein_{self.number}", lumen=self.named("fluid") if filled else None,
             interface=self.interface.name, wall=self.named("wall"), outer=self.wall_outer.name if outer else None,
-            inlets=(self.named("inlet"),), outlets=(self.named("outlet"),),
+            inlets=(self.named("inlet"),) if filled else (), outlets=(self.named("outlet"),) if filled else (),
             centreline=((self.x, self.y, 0.0), (self.x, self.y, length)), radius=self.lumen_radius,
         )  # fmt: skip
 
@@ -174,6 +178,10 @@ class VeinSegment(ConfigModel):
     wall_thickness: Length = Field(1e-3, gt=0, description="thickness of the vein wall; source study: 1 mm")
     vein_x: Length = Field(0.0, description="lateral position of the vein's axis")
     vein_y: Length = Field(0.0, description="anterior position of the vein's axis")
+    hollow: bool = Field(
+        False,
+        description="whether lumens are holes without blood, in which `loads.outlet_pressure` presses: solids alone",
+    )
     mesh: MeshSettings = MeshSettings()
 
     @property
@@ -191,7 +199,7 @@ class VeinSegment(ConfigModel):
         """All veins, the first one of `lumen_diameter` at (`vein_x`, `vein_y`)."""
         place = self.vein_x, self.vein_y
         shape = self.aspect_ratio, self.oval_direction
-        return (StraightVein(1, *place, self.lumen_radius, self.wall_thickness, *shape),)
+        return (StraightVein(1, *place, self.lumen_radius, self.wall_thickness, *shape, self.hollow),)
 
     @property
     def vessels(self) -> tuple[Vessel, ...]:
@@ -271,7 +279,7 @@ class VeinSegment(ConfigModel):
     @property
     def internal_names(self) -> tuple[str, ...]:
         """Boundaries inside a region that the mesh may have: surfaces between layers of elements."""
-        return "lumen_layer", "wall_layer"
+        return ("wall_layer",) if self.hollow else ("lumen_layer", "wall_layer")
 
     def shape_map(self) -> Any:
         """Return the displacement from the meshed shape to the reference shape, or None if they are the same.
@@ -297,7 +305,9 @@ class VeinSegment(ConfigModel):
             lumen = pi * vein.lumen_radius**2
             # Steiner's formula for parallel curves
             outer = lumen + vein.interface.length * vein.wall_thickness + pi * vein.wall_thickness**2
-            found |= {vein.named("wall"): (outer - lumen) * self.length, vein.named("fluid"): lumen * self.length}
+            found[vein.named("wall")] = (outer - lumen) * self.length
+            if not self.hollow:
+                found[vein.named("fluid")] = lumen * self.length
             holes.append(outer)
         holes += [pi * bone.radius**2 for bone in self.bones]
         tissue = {"tissue": self.skin_volume() - sum(holes) * self.length} if "tissue" in self.solids else {}
@@ -333,7 +343,8 @@ class VeinSegment(ConfigModel):
 
     def _filled(self, section: SectionMesh, vein: StraightVein, hole: str) -> SectionMesh:
         """Return a section with a vein in its hole."""
-        return fill_vein(section, hole, vein.layers(self.mesh), vein.named("fluid"), self.mesh.element != "mixed")
+        core = None if self.hollow else vein.named("fluid")
+        return fill_vein(section, hole, vein.layers(self.mesh), core, self.mesh.element != "mixed")
 
     def _mesh_of_solids(self) -> Any:
         from ngfsi_geometry.csg import mesh_of_solids  # with Netgen's CSG, which nothing else needs
@@ -341,7 +352,8 @@ class VeinSegment(ConfigModel):
         tissue = "tissue" in self.solids
         regions: dict[str, tuple[Ellipse, Sequence[Ellipse]]] = {}
         for vein in self.veins:
-            regions[vein.named("fluid")] = (vein.interface, ())
+            if not self.hollow:
+                regions[vein.named("fluid")] = (vein.interface, ())
             regions[vein.named("wall")] = (vein.wall_outer if tissue else self.skin, (vein.interface,))
         if tissue:
             regions["tissue"] = (self.skin, (*self.outer_walls, *self.bones))

@@ -137,9 +137,12 @@ def in_one_dimension(run: StoredRun) -> Comparison:
     one = {"area": solution.mean_area, "flow": solution.flow[:, -1], "SAWSS": solution.sawss}
     columns = {"area": "lumen_area_mean_m2", "flow": "flow_out_m3_s", "SAWSS": "sawss_Pa"}
     three = {name: series[column] for name, column in columns.items()}
-    return Comparison(fits, solution, one, three, {name: _gap(one[name], three[name]) for name in one})
+    gaps = {name: _gap(series["time_s"], one[name], three[name]) for name in one}
+    return Comparison(fits, solution, one, three, gaps)
 
 
-def _gap(one: Array, three: Array) -> Gap:
-    mean = float(np.mean(three))
-    return Gap(float(np.mean(one)) / mean - 1, float(np.sqrt(np.mean((one - three) ** 2))) / mean)
+def _gap(times: Array, one: Array, three: Array) -> Gap:
+    span = times[-1] - times[0]
+    means = (np.trapezoid(values, times) / span for values in (one, three, (one - three) ** 2))
+    mean_one, mean, squares = map(float, means)
+    return Gap(mean_one / mean - 1, float(np.sqrt(squares)) / mean)

@@ -16,7 +16,6 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
 from rich.table import Table
 
 from ngfsi import process, registry
@@ -27,7 +26,7 @@ from ngfsi.parallel.ranks import threads
 from ngfsi.solve.initial import Say, silent
 from ngfsi.store.disk import explained
 from ngfsi.store.provenance import commit, machine, versions
-from ngfsi.store.stored import StoredRun, open_run
+from ngfsi.store.stored import StoredRun, mean_over_steps, open_run
 from ngfsi.units import from_si
 
 BASELINE = "baseline"
@@ -119,7 +118,7 @@ def _results(run: StoredRun) -> dict[str, float]:
     series = run.series
     if "sawss_Pa" not in series:
         return {}
-    volume, sawss = series["lumen_volume_m3"][-1], np.mean(series["sawss_Pa"][1:])
+    volume, sawss = series["lumen_volume_m3"][-1], mean_over_steps(series, "sawss_Pa")
     return {"lumen, mm3": from_si(float(volume), "mm3"), "mean SAWSS, Pa": float(sawss)}
 
 

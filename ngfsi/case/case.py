@@ -121,7 +121,7 @@ class Loads(ConfigModel):
     inlet_pressure: PressureCurve | None = None
     """Pressure at the inlet, from which the flow follows; then `inlet_flow` is without effect."""
     outlet_pressure: PressureCurve = PressureConstant(value=10 * MMHG)
-    """Blood pressure at the outlet; in the veins of a plane section, which have no flow, all of it."""
+    """Blood pressure at the outlet; in veins that are holes in solids, which have no flow, all of it."""
     openings: dict[str, Annotated[OpeningModel, BeforeValidator(_opening)]] = Field(default_factory=dict)
     """Name of an opening -> its condition, in place of the short forms above, which are those of `inlet` and `outlet`.
     """
@@ -295,10 +295,10 @@ class Case(ConfigModel):
     def _conditions_fit(self) -> Self:
         if wrong := sorted({*self.conditions.plane_stress} - {*self.geometry.solids}):
             raise key_error("conditions.plane_stress", f"names {', '.join(wrong)}: {_solids_of(self.geometry)}")
-        plane = self.conditions.plane_stress or self.conditions.strain == "small" or self.conditions.skin_displacement
-        if plane and (any(v.lumen for v in self.geometry.vessels) or self.conditions.initial_state == "prestress"):
+        alone = self.conditions.plane_stress or self.conditions.strain == "small" or self.conditions.skin_displacement
+        if alone and (any(v.lumen for v in self.geometry.vessels) or self.conditions.initial_state == "prestress"):
             raise key_error(
-                "conditions", "has plane_stress, small strain or a skin_displacement: these are for plane solids "
+                "conditions", "has plane_stress, small strain or a skin_displacement: these are for solids "
                 "without fluid, from their unloaded shape (initial_state = \"preload\")"
             )  # fmt: skip
         return self

@@ -1,17 +1,19 @@
 """What acts on the system: loads, openings, supports and prescribed motions, each one object of one protocol."""
 
 from ngfsi.conditions.condition import Condition, ConditionModel, OpeningModel, Setup, WithValue
-from ngfsi.conditions.force import BodyForce
+from ngfsi.conditions.force import BodyForce, BodyForceModel
 from ngfsi.conditions.openings import FlowOpening, FreeOpening, PressureOpening, ResistanceOpening
 from ngfsi.conditions.pressure import BloodReference, Cuff, PressureOn
-from ngfsi.conditions.supports import Ends, GivenMeshMotion, GivenVelocity, SkinMotion
+from ngfsi.conditions.supports import DisplacementModel, Ends, GivenMeshMotion, GivenVelocity, SkinMotion
 
 __all__ = [
     "BloodReference",
     "BodyForce",
+    "BodyForceModel",
     "Condition",
     "ConditionModel",
     "Cuff",
+    "DisplacementModel",
     "Ends",
     "FlowOpening",
     "FreeOpening",

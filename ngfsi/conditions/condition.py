@@ -23,6 +23,7 @@ from ngsolve import Parameter
 from numpy.typing import NDArray
 
 from ngfsi.config.model import ConfigModel
+from ngfsi.errors import CaseError
 from ngfsi.materials.fluid.law import FluidLaw
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.geometry import Vessel
@@ -49,6 +50,7 @@ class Setup:
         blood_density: kg/m3; grows to its value while the first steady flow is found.
         references: by vessel what sets the reference pressure of its blood.
         fluid: law of the blood; None: there is none.
+        densities: of the solids (kg/m3), by region.
         stiffness: of the solids (Pa), as a scale.
         small: whether strains are small, and loads act on the undeformed shape.
         leads: whether this process has the integrals on boundaries.
@@ -67,6 +69,7 @@ class Setup:
     blood_density: Parameter
     references: Mapping[str, WithValue]
     fluid: FluidLaw | None
+    densities: Mapping[str, float]
     stiffness: float = 1.0
     small: bool = False
     leads: bool = True
@@ -86,12 +89,13 @@ class Condition:
         return {}
 
     def points(self, _motion: Any) -> Sequence[int]:
-        """Return further unknowns of the motion's space that are zero, unless others support the solids."""
+        """Return further unknowns of the motion's space that are zero, so that with its `fixes` nothing can move
+        rigidly, unless others support the solids."""
         return ()
 
     def supports(self) -> bool:
-        """Whether it resists rigid motions of the solids."""
-        return False
+        """Whether it resists all rigid motions of the solids: by default where it fixes a boundary."""
+        return bool(self.fixes().get(""))
 
     def velocity_on(self) -> Sequence[str]:
         """Return the openings on which the relative velocity is prescribed."""
@@ -203,6 +207,16 @@ class ConditionModel(ConfigModel):
         Raises:
             CaseError: it does not fit the geometry.
         """
+
+
+def check_components(vector: Sequence[float], what: str, name: str, domain: Domain) -> None:
+    """Refuse a vector that has not a component for each axis.
+
+    Raises:
+        CaseError: says so of what it is, in the condition of a name.
+    """
+    if len(vector) != domain.mesh.dim:
+        raise CaseError(f"loads.further: {name}: the {what} needs {domain.mesh.dim} components, not {len(vector)}")
 
 
 class OpeningModel(ConfigModel):

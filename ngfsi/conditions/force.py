@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import ngsolve as ng
 
-from ngfsi.conditions.condition import Setup, WithValue
+from ngfsi.conditions.condition import ConditionModel, Setup, WithValue, check_components
+from ngfsi.config.functions import FactorConstant, FactorCurve
+from ngfsi.errors import CaseError, unknown
+from ngfsi.mesh.domain import Domain
 from ngfsi.physics.fields import MOTION
 from ngfsi.physics.integrals import Integral
+from ngfsi.units import Acceleration
 
 
 class BodyForce(WithValue):
@@ -59,3 +63,42 @@ class BodyForce(WithValue):
             return []
         measure = self._setup.domain.dx(*regions, definedonelements=elements, **self._options)
         return [Integral([-self.value * (self.force * v)], measure)]
+
+
+class SolidsForce(BodyForce):
+    """The force of an acceleration on the mass of solids, e.g. their weight."""
+
+    def __init__(self, name: str, acceleration: Sequence[float], regions: Sequence[str], curve: FactorCurve) -> None:
+        super().__init__(None, *regions, curve=curve, name=name)
+        self._acceleration = tuple(acceleration)
+
+    def attach(self, setup: Setup) -> None:
+        """Take what it acts on, and the densities."""
+        super().attach(setup)
+        mass = setup.domain.mesh.MaterialCF({name: setup.densities[name] for name in self._regions}, default=0.0)
+        self.force = mass * ng.CF(self._acceleration)
+
+    def sentence(self) -> str:
+        """Return what acts now."""
+        size = self.value.Get() * sum(a * a for a in self._acceleration) ** 0.5
+        return f"{size:.4g} m/s2 on {', '.join(self._regions)}"
+
+
+class BodyForceModel(ConditionModel):
+    """A force on solids by their mass, of a given acceleration: `acceleration_m_s2 = [0, 0, -9.81]` is their weight."""
+
+    kind: Literal["body_force"] = "body_force"
+    acceleration: tuple[Acceleration, ...]
+    """Along x, y and z."""
+    regions: tuple[str, ...] = ()
+    """Solids on which it acts; none: all."""
+    over_time: FactorCurve = FactorConstant(value=1.0)
+    """Factor on it."""
+
+    def condition(self, domain: Domain, name: str) -> SolidsForce:
+        """Return the condition."""
+        solids = domain.geometry.solids
+        if wrong := next((region for region in self.regions if region not in solids), None):
+            raise CaseError(f"loads.further: {name}: {unknown('solid', wrong, solids)}")
+        check_components(self.acceleration, "acceleration", name, domain)
+        return SolidsForce(name, self.acceleration, self.regions or solids, self.over_time)

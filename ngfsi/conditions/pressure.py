@@ -74,17 +74,21 @@ class PressureOn(OnSolids, WithValue):
         """Return its virtual work for a motion and a test function."""
         domain, grad_m = self._domain, ng.Grad(m)
         if domain.mesh.dim == 3:
-            k = Kinematics(grad_m.Trace())
-            work = terms.follower_pressure(self.pressure, k, ng.specialcf.normal(3), v.Trace())
+            k = self._kinematics(grad_m.Trace())
+            work = terms.follower_pressure(self.pressure, k, domain.outer_normal(), v.Trace())
             return [Integral([work], domain.ds(*self.boundaries))]
         # around holes of the plane the normal is outward only as the elements' own
-        k = Kinematics(0 * grad_m if self._setup.small else grad_m)
+        k = self._kinematics(grad_m)
         integrand = terms.follower_pressure(self.pressure, k, ng.specialcf.normal(2), v)
         return [Integral([integrand], domain.ds(*self.boundaries, skeleton=True))]
 
+    def _kinematics(self, grad_m: Any) -> Kinematics:
+        """Return the kinematics of the shape that the pressure is normal to."""
+        return Kinematics(0 * grad_m if self._setup.small else grad_m)
+
     def sentence(self) -> str:
-        """Return what acts now."""
-        return f"{self.value.Get():.4g} Pa {self.name}"
+        """Return what acts now; no pressure is not worth a word, least of all on a skin that cuffs press."""
+        return f"{self.value.Get():.4g} Pa {self.name}" if self.value.Get() else ""
 
 
 class BloodReference(WithValue):

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 import ngsolve as ng
 import numpy as np
 from ngsolve import GridFunction
+from pydantic import Field
 
 from ngfsi.conditions.boundary import boundary_values
-from ngfsi.conditions.condition import Condition, Numbers, OnSolids, Setup, Vector
-from ngfsi.errors import CaseError
+from ngfsi.conditions.condition import (
+    Condition,
+    ConditionModel,
+    Numbers,
+    OnSolids,
+    Setup,
+    Vector,
+    check_components,
+)
+from ngfsi.config.functions import FactorCurve, FactorRamp
+from ngfsi.errors import CaseError, unknown
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.physics.fields import VELOCITY
 from ngfsi.physics.integrals import Integral
+from ngfsi.units import Length, from_si
 
 EndsKind = Literal["roller", "clamped", "guided", "free"]
 AXES = "xyz"
@@ -34,26 +45,18 @@ class Ends(OnSolids):
 
     name = "ends"
 
-    def __init__(self, domain: Domain, kind: EndsKind, *, moved: bool = False) -> None:
+    def __init__(self, domain: Domain, kind: EndsKind) -> None:
         """Prepare.
 
-        Args:
-            moved: whether a boundary is moved as prescribed, so that nothing else need hold the solids.
-
         Raises:
-            CaseError: neither rigid boundaries nor ends hold the segment, or ends of the plane are to roll.
+            CaseError: ends of the plane are to roll.
         """
         self._domain, self._kind = domain, kind
         self._rigid, self._ends = list(domain.geometry.rigid_names), domain.ends
-        solids = bool(domain.geometry.solids)
-        if solids and kind in ("free", "guided") and not self._rigid and not moved:
-            raise CaseError(f"conditions.ends = '{kind}' leaves a segment without bones adrift: use 'roller' or "
-                            "'clamped'")  # fmt: skip
         if kind == "roller" and domain.mesh.dim == 2 and self._ends:
             raise CaseError("conditions.ends = 'roller' is for segments in 3-D: use 'clamped' or 'free' in the plane")
         self._normals = {name: domain.mean_normal(name) for name in self._ends if kind in ("roller", "guided")}
         self._axis = {name: _axis(normal) for name, normal in self._normals.items()}
-        self._adrift = solids and kind == "roller" and not self._rigid and bool(self._ends)
 
     def fixes(self) -> dict[str, list[str]]:
         """Return the boundaries of which components of the displacement are fixed."""
@@ -68,23 +71,25 @@ class Ends(OnSolids):
     def points(self, motion: Any) -> list[int]:
         """Return unknowns of a space of displacements that are fixed as well, which carry no force in balance.
 
-        Without bones rollers leave rigid motions across the axis free: all components of a vertex of the outer surface
-        on the first end are held, and of that opposite the one across their line.
+        Without bones rollers leave rigid motions in the plane of the ends free. Of two axes across the normal, two
+        vertices far apart along the first are held along the second, and one between them along the first: a tube that
+        widens evenly thus stays where it is.
         """
-        if not self._adrift:
+        if self._kind != "roller" or self._rigid or not self._ends or not self._domain.geometry.solids:
             return []
         domain, first_end = self._domain, self._ends[0]
         outer = next(name for name in ("skin", "wall_outer", *domain.geometry.boundary_names)
                      if domain.has_boundary(name))  # fmt: skip
         on = [{v for e in domain.boundaries(*names).Elements() for v in e.vertices}
               for names in ((outer,), self._same_plane(first_end))]  # fmt: skip
-        places = {v: np.array(domain.mesh[v].point) for v in on[0] & on[1]}
-        first = min(places, key=lambda v: v.nr)
-        other = max(places, key=lambda v: float(np.linalg.norm(places[v] - places[first])))
-        across = np.abs(np.cross(self._normals[first_end], places[other] - places[first]))
-        held = [axis for axis in range(3) if AXES[axis] != self._axis[first_end]]
-        numbers = motion.GetDofNrs(first)
-        return [*(numbers[axis] for axis in held), motion.GetDofNrs(other)[int(np.argmax(across))]]
+        vertices = sorted(on[0] & on[1], key=lambda v: v.nr)
+        first, second = np.delete(range(3), int(np.argmax(np.abs(self._normals[first_end]))))
+        along = np.array([domain.mesh[v].point[first] for v in vertices])
+        ends, between = (np.argmin(along), np.argmax(along)), np.argmin(np.abs(along - along.mean()))
+        return [
+            *(motion.GetDofNrs(vertices[end])[second] for end in ends),
+            motion.GetDofNrs(vertices[between])[first],
+        ]
 
     def _same_plane(self, end: str) -> tuple[str, ...]:
         """Return the ends that lie in the plane of one of them."""
@@ -133,12 +138,72 @@ class Prescribed(Condition):
         self._values = np.array(arrays["values"])
 
 
+class Displacement(Prescribed):
+    """A displacement of boundaries as a whole, times a function of time."""
+
+    def __init__(
+        self, name: str, domain: Domain, boundaries: Sequence[str], displacement: Sequence[float],
+        curve: Callable[[float], float],
+    ) -> None:  # fmt: skip
+        self.name, self._boundaries, self._curve = name, tuple(boundaries), curve
+        self._domain, self._displacement, self._factor = domain, displacement, 0.0
+
+    def fixes(self) -> dict[str, list[str]]:
+        """Return the boundaries."""
+        return {"": list(self._boundaries)}
+
+    def attach(self, setup: Setup) -> None:
+        """Find the unknowns and their values (m)."""
+        space, on = setup.unknowns.space.components[0], self._domain.boundaries(*self._boundaries)
+        field = GridFunction(space)
+        field.Set(ng.CF(tuple(self._displacement)), definedon=on)
+        self._numbers = np.flatnonzero(list(space.GetDofs(on)))
+        self._given = np.array(field.vec.FV().NumPy()[self._numbers])
+        self._values = np.zeros(len(self._given))
+
+    def update(self, t: float, load_factor: float = 1.0) -> None:
+        """Take the displacement at time t (s), or a fraction of it."""
+        self._factor = load_factor * self._curve(t)
+        self._values = self._factor * self._given
+
+    def sentence(self) -> str:
+        """Return what acts now."""
+        moved = ", ".join(f"{from_si(self._factor * part, 'mm'):.4g}" for part in self._displacement)
+        return f"{', '.join(self._boundaries)} moved by ({moved}) mm"
+
+
+class DisplacementModel(ConditionModel):
+    """Boundaries that are moved as given, e.g. `boundaries = ["tissue_top"]`, `displacement_mm = [0, 0, -2]`."""
+
+    kind: Literal["displacement"] = "displacement"
+    boundaries: tuple[str, ...] = Field(min_length=1)
+    displacement: tuple[Length, ...]
+    """Along x, y and z."""
+    over_time: FactorCurve = FactorRamp(final=1.0, duration=1.0)
+    """Factor on it."""
+
+    def condition(self, domain: Domain, name: str) -> Displacement:
+        """Return the condition."""
+        if wrong := next((one for one in self.boundaries if not domain.has_boundary(one)), None):
+            raise CaseError(f"loads.further: {name}: {unknown('boundary', wrong, domain.geometry.boundary_names)}")
+        check_components(self.displacement, "displacement", name, domain)
+        return Displacement(name, domain, self.boundaries, self.displacement, self.over_time)
+
+
 class SkinMotion(Prescribed):
     """The prescribed displacement of a plane section's skin."""
 
     name = "skin motion"
 
     def __init__(self, domain: Domain, displacement: OutlineDisplacement) -> None:
+        """Prepare.
+
+        Raises:
+            CaseError: the domain is no plane section.
+        """
+        if domain.mesh.dim == 3:
+            raise CaseError("conditions.skin_displacement is for plane sections: in 3-D boundaries are moved by "
+                            '[[loads.further]] with kind = "displacement"')  # fmt: skip
         self._domain, self._displacement, self._factor = domain, displacement, 1.0
 
     def fixes(self) -> dict[str, list[str]]:

@@ -238,3 +238,17 @@ FlowCurve = Annotated[
     tagged("kind", FlowConstant, FlowRamp, FlowSmoothRamp, FlowTable, FlowHarmonics, FlowWaveform),
 ]
 """A volume flow rate over time: m3/s over s."""
+
+FactorConstant, FactorRamp, FactorSmoothRamp, FactorTable = (
+    Constant[float],
+    Ramp[float],
+    SmoothRamp[float],
+    Table[float],
+)
+FactorHarmonics, FactorWaveform = Harmonics[float], Waveform[float]
+
+FactorCurve = Annotated[
+    Constant[float] | Ramp[float] | SmoothRamp[float] | Table[float] | Harmonics[float] | Waveform[float],
+    tagged("kind", FactorConstant, FactorRamp, FactorSmoothRamp, FactorTable, FactorHarmonics, FactorWaveform),
+]
+"""A factor over time: pure numbers over s."""

@@ -126,7 +126,8 @@ class Deformation:
         if smallest <= CLOSE:
             return sentence
         if begun:
-            return f"{sentence}: no element is close to inversion, the vein may have lost its stability"
+            what = "the vein" if self._lumens else "the shape"
+            return f"{sentence}: no element is close to inversion, {what} may have lost its stability"
         return f"{sentence}: no step was taken, the loads of the first one may be too large or jump"
 
     def min_jacobian(self, region: str) -> tuple[float, str]:

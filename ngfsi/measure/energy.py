@@ -10,6 +10,7 @@ each instant rate = powers - carried - dissipation + excess, to quadrature.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import ngsolve as ng
@@ -17,7 +18,7 @@ import numpy as np
 from ngsolve import InnerProduct
 from numpy.typing import NDArray
 
-from ngfsi.conditions.condition import Condition
+from ngfsi.conditions import Condition, PressureOn
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.forms import residual_form
@@ -88,6 +89,12 @@ class Energy:
                 power -= float(np.dot(work.FV().NumPy(), velocity))
             found[name] = power
         return found
+
+    def skin_power(self, powers: Mapping[str, float]) -> float:
+        """Return the power (W) of all pressures on the skin, cuffs included, out of the powers of all conditions."""
+        conditions = self.system.conditions
+        return sum(power for name, power in powers.items()
+                   if isinstance(one := conditions[name], PressureOn) and one.on_skin)  # fmt: skip
 
     def rate(self) -> float:
         """Return the rate of stored and kinetic energy as the time scheme has it (W): by a difference of energies along

@@ -12,6 +12,7 @@ from ngsolve import InnerProduct
 from ngfsi.conditions import PressureOn
 from ngfsi.measure.branch import Branch, Layers
 from ngfsi.measure.deformation import Deformation
+from ngfsi.measure.hole import Hole
 from ngfsi.measure.plane import PlaneSectionProbe
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.side import Side
@@ -165,6 +166,7 @@ class Probe:
 
     Attributes:
         vessels: those with blood, in 3-D, by name.
+        holes: those without, in 3-D, by name.
         plane: measures of a plane section; None in 3-D.
     """
 
@@ -173,6 +175,7 @@ class Probe:
         self.deformation = Deformation(system)
         in_plane, vessels = system.domain.mesh.dim == 2, system.domain.vessels
         self.vessels = {} if in_plane else {v.name: VesselProbe(system, v) for v in vessels if v.lumen}
+        self.holes = Hole.all_of(system)
         self.plane = PlaneSectionProbe(system) if in_plane and not system.domain.lumens else None
         self.integral = Integrals(system.domain.mesh)
         self._pressing = [c for c in system.conditions.values() if isinstance(c, PressureOn) and c.on_skin]

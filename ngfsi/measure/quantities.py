@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ngfsi import registry
 from ngfsi.materials.fluid.law import FluidLaw
 from ngfsi.measure.branch import Branch
+from ngfsi.measure.hole import Hole
 from ngfsi.measure.probe import Probe, VesselProbe
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.shape import Shape
@@ -90,6 +91,8 @@ def quantities(probe: Probe) -> list[Quantity]:
     found += [_jacobian(region) for region in probe.domain.regions]
     for vessel in probe.vessels.values():
         found += [one for name in vessel.vessel.openings for one in _at_opening(vessel, name)]
+    for name, hole in probe.holes.items():
+        found += _of_hole(name, hole)
     if probe.plane:
         found += [_enclosed(name) for name in probe.plane.outlines] + [_area(name) for name in probe.domain.regions]
         found += [_beside_wall(side, region) for side, region in probe.plane.sides.items()]
@@ -151,6 +154,17 @@ def _at_opening(vessel: VesselProbe, name: str) -> list[Quantity]:
     flow = Quantity(f"flow_{name}", "m3_s", f"flow through '{name}', in the direction of inlet or outlet",
                     lambda _: sign * vessel.integral(f"flux {name}"))  # fmt: skip
     return [pressure] if alone else [pressure, flow]
+
+
+def _of_hole(name: str, hole: Hole) -> list[Quantity]:
+    prefix = f"{name}_" if name else ""
+    return [
+        Quantity(f"pressure_{hole.vessel.interface}", "Pa", f"pressure in the hole within '{hole.vessel.interface}'",
+                 lambda _: hole.pressure()),
+        Quantity(f"{prefix}lumen_volume", "m3", "volume of the hole", lambda _: hole.volume()),
+        Quantity(f"{prefix}lumen_area_mean", "m2", "volume of the hole over its length",
+                 lambda _: hole.volume() / hole.length),
+    ]  # fmt: skip
 
 
 def _enclosed(name: str) -> Quantity:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.units import SAME_TIME
+
 if TYPE_CHECKING:
     import pyvista as pv
 
@@ -55,6 +57,24 @@ class ShearHistory:
         with np.errstate(divide="ignore", invalid="ignore"):
             osi = np.where(size > 0, (1 - vector / size) / 2, 0.0)
             return cls(size, osi, np.where(vector > 0, 1 / vector, np.inf))
+
+
+def within(times: Array, values: Array, start: float, end: float) -> tuple[Array, Array]:
+    """Return the times (m,) from `start` to `end` (s), both included, and the values (m, ...) then: at the ends by
+    lines between the given ones, so that an average over them is one over exactly that time, whatever the steps.
+
+    Args:
+        times: (n,) s, increasing, at least two, around start and end.
+        values: (n, ...)
+    """
+
+    def at(time: float) -> Array:
+        k = int(np.clip(np.searchsorted(times, time), 1, len(times) - 1))
+        done = np.clip((time - times[k - 1]) / (times[k] - times[k - 1]), 0.0, 1.0)
+        return np.asarray((1 - done) * values[k - 1] + done * values[k])
+
+    inside = (times > start + SAME_TIME) & (times < end - SAME_TIME)
+    return np.r_[start, times[inside], end], np.stack([at(start), *values[inside], at(end)])
 
 
 def slope(surface: pv.UnstructuredGrid, name: str) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -147,8 +148,17 @@ class Domain:
         NGSolve's own points from one side of a face to the other in an order of the mesh's.
         """
         number = self.mesh.GetMaterials().index(region or self.fluid) + 1
+        return self._normal(lambda face: face.domin == number)
+
+    def outer_normal(self) -> Any:
+        """Return the normal of the reference shape that points out of all regions, on the boundaries around them: away
+        from solids also on the surface of a hole."""
+        return self._normal(lambda face: face.domin > 0)
+
+    def _normal(self, keeps: Callable[[Any], bool]) -> Any:
+        """Return NGSolve's normal on faces that keep its direction, and the opposite one on others."""
         faces = [self.mesh.ngmesh.FaceDescriptor(i + 1) for i in range(len(self.mesh.GetBoundaries()))]
-        return CoefficientFunction([1.0 if face.domin == number else -1.0 for face in faces]) * specialcf.normal(3)
+        return CoefficientFunction([1.0 if keeps(face) else -1.0 for face in faces]) * specialcf.normal(3)
 
     def mean_normal(self, name: str) -> Array:
         """Return the unit vector (dim,) along the mean normal of a boundary, of either sign."""

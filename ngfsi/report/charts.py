@@ -22,6 +22,7 @@ from ngfsi.report.shapes import (
     OFF_FACES,
     SHEAR,
     course,
+    first_and_loaded,
     is_plane,
     lower_half,
     middle,
@@ -44,7 +45,7 @@ LONGEST = 1.9
 CUT_POINTS = 181
 """Points across a cut."""
 MODE_DRAWN = 0.4
-"""Largest motion of a mode that is drawn, over the lumen's radius."""
+"""Largest motion of a mode that is drawn, over the size of the geometry: of a vein, the lumen's radius."""
 
 
 def over_time(
@@ -83,12 +84,12 @@ def causes(runs: Runs) -> go.Figure:
 
 def along_vein(runs: Runs, name: str, unit: str, factor: float, label: str) -> go.Figure:
     """Return a quantity that the series hold for each station, over the position along the vessel: first (dotted) and
-    last."""
+    under the largest load."""
     figure = _figure("position along the vein [mm]", label)
     for (title, run), colour in zip(runs.items(), _colours(), strict=False):
         values = factor * run.along(name, unit)
         positions = np.linspace(0, course(run).length * 1e3, values.shape[1])
-        for row, dash in ((0, "dot"), (-1, "solid")):
+        for row, dash in ((0, "dot"), (run.series["time_s"].searchsorted(run.loaded_time), "solid")):
             figure.add_scatter(x=positions, y=values[row], name=f"{title}, t = {run.series['time_s'][row]:.3g} s",
                                mode="lines+markers", line={"color": colour, "dash": dash})  # fmt: skip
     return figure
@@ -129,11 +130,11 @@ def one_dimension(comparisons: Mapping[str, Comparison]) -> go.Figure:
 
 
 def outlines(runs: Runs) -> go.Figure:
-    """Return the outline of the lumen at mid-length, first (grey) and last, a panel per run."""
+    """Return the outline of the lumen at mid-length, first (grey) and under the largest load, a panel per run."""
     figure = _sections(runs)
     for column, (run, colour) in enumerate(zip(runs.values(), _colours(), strict=False), start=1):
-        for time, shade in ((0.0, QUIET), (np.inf, colour)):
-            found, rings = run.outlines(min(time, float(run.series["time_s"][-1])))
+        for time, shade in ((0.0, QUIET), (run.loaded_time, colour)):
+            found, rings = run.outlines(time)
             ring = middle(run).across(rings[len(rings) // 2]) * 1e3
             x, y = np.vstack([ring, ring[:1]]).T
             figure.add_scatter(x=x, y=y, name=f"t = {found:.3g} s", mode="lines", line={"color": shade}, row=1,
@@ -142,7 +143,7 @@ def outlines(runs: Runs) -> go.Figure:
 
 
 def cut(runs: Runs) -> go.Figure:
-    """Return the hydrostatic pressure of the solids in the deformed section at mid-length, at the last time."""
+    """Return the hydrostatic pressure of the solids in the deformed section at mid-length, under the largest load."""
     figure = _sections(runs)
     images = [_section(run) for run in runs.values()]
     known = np.concatenate([pressure[np.isfinite(pressure)] for *_, pressure in images])
@@ -156,7 +157,7 @@ def cut(runs: Runs) -> go.Figure:
 
 def _section(run: StoredRun) -> tuple[Array, Array, Array]:
     """Return places [mm] across the vessel and hydrostatic pressure [kPa] on a grid, NaN outside of the solids."""
-    grid = solids(run)
+    grid = solids(run, run.loaded_time)
     frame = Frame(np.zeros(3), np.eye(3)) if is_plane(grid) else course(run).frame(0.5 + OFF_FACES)
     flat = frame.across(np.asarray(grid.points, dtype=float))
     low, size = flat.min(axis=0), float(np.ptp(flat, axis=0).max()) / (CUT_POINTS - 1)
@@ -170,10 +171,11 @@ def _section(run: StoredRun) -> tuple[Array, Array, Array]:
 
 
 def around(runs: Runs) -> go.Figure:
-    """Return the hydrostatic pressure of the tissue at the vein's wall over the angle, first (dotted) and last."""
+    """Return the hydrostatic pressure of the tissue at the vein's wall over the angle, first (dotted) and under the
+    largest load."""
     figure = _figure(_angle(runs), "pressure at the wall [kPa]")
     for (title, run), colour in zip(runs.items(), _colours(), strict=False):
-        for time, dash in ((run.field_times()[0], "dot"), (run.field_times()[-1], "solid")):
+        for time, dash in zip(first_and_loaded(run), ("dot", "solid"), strict=True):
             angle, pressure = Surroundings.of(run, time).by_angle()
             figure.add_scatter(x=np.degrees(angle), y=pressure / 1e3, name=f"{title}, t = {time:.3g} s",
                                mode="lines+markers", connectgaps=True,
@@ -182,7 +184,7 @@ def around(runs: Runs) -> go.Figure:
 
 
 def unrolled(runs: Runs) -> go.Figure:
-    """Return the wall shear stress at the last time over the angle around and the position along the vein."""
+    """Return the wall shear stress under the largest load over the angle around and the position along the vein."""
     figure = _panels(list(runs), _angle(runs), "position along the vein [mm]", shared_yaxes=True)
     for column, run in enumerate(runs.values(), start=1):
         angle, height, shear = unroll(run)
@@ -205,12 +207,13 @@ def vein(run: StoredRun) -> go.Figure:
     return _stages(traces, [f"{time:.3g} s" for time in chosen], _camera(run, FROM_THE_SIDE, up=0))
 
 
-def tissue(run: StoredRun) -> go.Figure:
-    """Return the lower half of the deformed solids, coloured by displacement, to be turned, first and last."""
-    times = [run.field_times()[0], run.field_times()[-1]]
+def half(run: StoredRun) -> go.Figure:
+    """Return the lower half of the deformed solids, coloured by displacement, to be turned, first and under the largest
+    load."""
+    times = first_and_loaded(run)
     halves = [_skin_of(lower_half(run, time)) for time in times]
     high = float(halves[-1].point_data["displacement"].max())
-    traces = [_surface(half, half.point_data["displacement"], "mm", (0.0, high)) for half in halves]
+    traces = [_surface(one, one.point_data["displacement"], "mm", (0.0, high)) for one in halves]
     return _stages(traces, [f"{time:.3g} s" for time in times], _camera(run, FROM_ABOVE, up=2))
 
 
@@ -237,16 +240,27 @@ def stability(runs: Runs) -> go.Figure:
     return figure
 
 
+def softest(runs: Runs) -> go.Figure:
+    """Return the stiffness of the softest motion of plane sections at each stage."""
+    figure = _figure("time [s]", "stiffness over that of shear [1]")
+    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+        figure.add_scatter(x=run.stability["time_s"], y=run.stability["softest_stiffness_1"], name=title,
+                           mode="lines+markers", line={"color": colour})  # fmt: skip
+    return figure
+
+
 def collapse(run: StoredRun) -> go.Figure:
-    """Return the lower half of the solids moved along the last stage's mode of collapse, coloured by its size."""
-    half = _skin_of(lower_half(run, np.inf))
-    if COLLAPSE not in half.point_data:
+    """Return the lower half of the solids moved along the mode of collapse under the largest load, coloured by its
+    size."""
+    time = first_and_loaded(run)[1]
+    moved = _skin_of(lower_half(run, time))
+    if COLLAPSE not in moved.point_data:
         raise KeyError(COLLAPSE)
-    mode = np.asarray(half.point_data[COLLAPSE], dtype=float)
+    mode = np.asarray(moved.point_data[COLLAPSE], dtype=float)
     size = np.linalg.norm(mode, axis=1)
-    half.points += (MODE_DRAWN * run.own_vessel.radius / size.max() * mode).astype(half.points.dtype)
-    label = f"{run.field_times()[-1]:.3g} s"
-    return _stages([_surface(half, size / size.max(), "1", (0.0, 1.0))], [label], _camera(run, FROM_ABOVE, up=2))
+    moved.points += (MODE_DRAWN * run.case.geometry.size / size.max() * mode).astype(moved.points.dtype)
+    shown = _surface(moved, size / size.max(), "1", (0.0, 1.0))
+    return _stages([shown], [f"{time:.3g} s"], _camera(run, FROM_ABOVE, up=2))
 
 
 def _skin_of(grid: Any) -> Any:

@@ -207,8 +207,12 @@ def _has_body(run: StoredRun) -> bool:
     return _has_solids(run) and not is_plane(run.fields(0.0))
 
 
+def _has_stages(run: StoredRun) -> bool:
+    return "smallest_eigenvalue_1_s2" in run.stability
+
+
 def _has_tissue(run: StoredRun) -> bool:
-    return _has_solids(run) and "p_tissue_side_Pa" in run.series
+    return bool(run.vessels) and _has_solids(run) and "p_tissue_side_Pa" in run.series
 
 
 def _share_of_start(column: str, label: str) -> Callable[[Runs], Any]:
@@ -236,12 +240,13 @@ def _stability_note(runs: Runs) -> str:
         "line through two stages; it is reliable near the dashed line, where the vein collapses."
     ]
     for title, run in runs.items():
-        critical, eigenvalue = (
-            run.stability[name][-1] for name in ("critical_skin_pressure_Pa", "smallest_eigenvalue_1_s2")
+        stage = int(np.argmin(np.abs(run.stability["time_s"] - run.loaded_time)))
+        time, critical, eigenvalue = (
+            run.stability[name][stage] for name in ("time_s", "critical_skin_pressure_Pa", "smallest_eigenvalue_1_s2")
         )
         state = "stable" if eigenvalue > 0 else "not stable"
         where = f", critical {from_si(critical, 'mmHg'):.3g} mmHg" if np.isfinite(critical) else ""
-        said.append(f"{title}: {state} at the last stage{where}.")
+        said.append(f"{title}: {state} at {time:.3g} s{where}.")
     return " ".join(said)
 
 
@@ -263,6 +268,7 @@ def _transmission_note(runs: Runs) -> str:
     return " ".join(said)
 
 
+LOADED = "the stored time nearest to the last at which the load is at its largest"
 CHARTS = (
     Chart("Area of the lumen", "vessel",
           _share_of_start("lumen_area_mean_m2", "mean area [% of t = 0]"),
@@ -297,12 +303,12 @@ CHARTS = (
           lambda runs: charts.along_vein(runs, "flow", "m3_s", 1e6, "flow [ml/s]"), _holds("flow_z00_m3_s"),
           "Dotted: t = 0. It changes at a fork by what other branches take or bring."),
     Chart("Outline of the lumen at mid-length", "branch", charts.outlines, _has_outlines, "Grey: t = 0."),
-    Chart("Wall shear stress on the unrolled vein", "branch", charts.unrolled, _has_wall_fields, "At the last time."),
-    Chart("Hydrostatic pressure in the calf", "all", charts.cut, _has_solids,
-          "-tr(sigma)/3, compression positive, at mid-length at the last time; bones and lumen are left out."),
+    Chart("Wall shear stress on the unrolled vein", "branch", charts.unrolled, _has_wall_fields, f"At {LOADED}."),
+    Chart("Hydrostatic pressure of the solids", "all", charts.cut, _has_solids,
+          f"-tr(sigma)/3, compression positive, at mid-length at {LOADED}; bones and lumen are left out."),
     Chart("Pressure of the tissue around the vein", "vessel", charts.around, _has_tissue, _transmission_note),
     Chart("Vein in 3-D", "run", charts.vein, _has_wall_fields, "Drag to turn; wall shear stress."),
-    Chart("Tissue in 3-D", "run", charts.tissue, _has_body, "Lower half of the deformed segment, displacement."),
+    Chart("Solids in 3-D", "run", charts.half, _has_body, "Lower half of the deformed shape, displacement."),
     Chart("Flow balance", "vessel",
           _over_time("flow [ml/s]", {"inflow": ("flow_in_m3_s", 1e6), "outflow": ("flow_out_m3_s", 1e6),
                                      "rate of volume": ("lumen_volume_rate_m3_s", 1e6)}, ("inflow",)),
@@ -310,9 +316,12 @@ CHARTS = (
           "Inflow = outflow + rate of the lumen's volume."),
     Chart("Pressure around the vein", "vessel", _around_vein, _holds("p_tissue_side_Pa"),
           "Hydrostatic pressure of the tissue at the outer face of the vein's wall, and mean pressure on the skin."),
-    Chart("Stability", "all", charts.stability, lambda run: bool(run.stability), _stability_note),
-    Chart("Mode of collapse", "run", charts.collapse, lambda run: bool(run.stability),
-          "Lower half of the segment, moved along the mode; colour: its relative size."),
+    Chart("Stability", "all", charts.stability, _has_stages, _stability_note),
+    Chart("Stiffness of the softest motion", "all", charts.softest,
+          lambda run: "softest_stiffness_1" in run.stability,
+          "Over that of shear alone in the solids' initial moduli; it vanishes where the section buckles."),
+    Chart("Mode of collapse", "run", charts.collapse, _has_stages,
+          "Lower half of the solids, moved along the mode; colour: its relative size."),
 )  # fmt: skip
 TUBE_CHARTS = (
     Chart("Along the vein: transmural pressure", "branch",
@@ -366,12 +375,10 @@ def _lost(values: Any, row: int) -> Any:
 
 def _on_skin(run: StoredRun, row: int) -> str:
     """Return the pressure on the skin (mmHg): its mean, and its largest value where cuffs make it differ."""
-    if run.skin_pressure is None:
+    found = run.on_skin(run.series["time_s"][row])
+    if not found:
         raise KeyError
-    mean = run.skin_pressure[row]
-    most = run.series.get("skin_pressure_max_Pa", run.skin_pressure)[row]
-    more = f", most {from_si(most, 'mmHg'):.3g}" if most > 1.001 * mean else ""
-    return f"{from_si(mean, 'mmHg'):.3g}{more}"
+    return ", most ".join(f"{from_si(pressure, 'mmHg'):.3g}" for pressure in found)
 
 
 def _defect(run: StoredRun, _: int) -> str:
@@ -407,7 +414,10 @@ def _headline(runs: Runs) -> Section:
                     continue
     heads = [head for head in HEADLINE if any(head in cells for cells in found.values())]
     rows = [[title, *(cells.get(head, "-") for head in heads)] for title, cells in found.items()]
-    note = "When the load on the skin is first at its largest; without such a load, at the last time."
+    note = (
+        "When the load on the skin is first at its largest; without such a load solids alone when they are displaced "
+        "most, others at the last time."
+    )
     if "SAWSS Pa" in heads:
         note += (
             " Volume and SAWSS (wall shear stress, mean over the deformed wall) are held against the state at t = 0. "

@@ -91,7 +91,10 @@ def animation(run: StoredRun, path: Path) -> str:
     """
     times = run.field_times("wall")
     if not times:
-        return f"the run in '{run.path}' holds no fields of the wall yet"
+        lacks = (
+            "holds no fields of the wall yet" if run.lumens else "is of no vessel with blood: there is no wall shear"
+        )
+        return f"the run in '{run.path}' {lacks}"
     chosen = [times[i] for i in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int))]
     return _in_child(Request("animation", {run.case.name: str(run.path)}, chosen, str(path)))
 
@@ -209,11 +212,11 @@ def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path:
 
 
 def _caption(run: StoredRun, time: float) -> str:
-    """Return the time (s) and the mean pressure on the skin then, if there is one."""
-    if run.skin_pressure is None:
-        return f"t = {time:.2f} s"
-    pressure = from_si(float(np.interp(time, run.series["time_s"], run.skin_pressure)), "mmHg")
-    return f"t = {time:.2f} s, {pressure:.1f} mmHg on the skin"
+    """Return the time (s) and the pressure on the skin then, if there is one: its mean, and its largest value where
+    cuffs make it differ."""
+    words = "{:.1f} mmHg on the skin", "most {:.1f}"
+    said = (word.format(from_si(pressure, "mmHg")) for word, pressure in zip(words, run.on_skin(time), strict=False))
+    return ", ".join([f"t = {time:.2f} s", *said])
 
 
 def _save_frames(frames: Sequence[Image.Image], path: Path) -> None:

@@ -33,9 +33,15 @@ def course(run: StoredRun) -> Course:
     return Course(middle + np.array([[0, 0, -height / 2], [0, 0, height / 2]]))
 
 
-def solids(run: StoredRun, time: float = np.inf) -> Any:
+def first_and_loaded(run: StoredRun) -> tuple[float, float]:
+    """Return the first stored time of fields (s), and that nearest to the last time of the largest load."""
+    times = run.field_times()
+    return times[0], min(times, key=lambda time: abs(time - run.loaded_time))
+
+
+def solids(run: StoredRun, time: float) -> Any:
     """Return the deformed solids nearest to `time` (s) with the size of their `displacement` in mm."""
-    grid = run.fields(min(time, run.field_times()[-1]))
+    grid = run.fields(time)
     blood = np.isin([str(name) for name in grid.field_data["regions"]], sorted(run.lumens))
     solid = grid.extract_cells(np.flatnonzero(~blood[grid.cell_data[REGION]]))
     solid.point_data["displacement"] = np.linalg.norm(solid.point_data[DISPLACEMENT], axis=1) * 1e3
@@ -62,15 +68,15 @@ def middle(run: StoredRun) -> Frame:
 
 
 def unroll(run: StoredRun) -> tuple[Array, Array, Array]:
-    """Return angles [deg], positions [mm] and wall shear stress [Pa] (positions, angles) of the last stored wall.
+    """Return angles [deg], positions [mm] and wall shear stress [Pa] (positions, angles) under the largest load.
 
     Angle and position are those of a point of the wall at the first stored time; of a branched vessel those points are
     taken that are around its centreline.
     """
     from scipy.interpolate import griddata
 
-    times, vessel = run.field_times("wall"), run.own_vessel
-    place, values = run.fields(times[0], "wall").points, run.fields(times[-1], "wall").point_data[SHEAR]
+    vessel = run.own_vessel
+    place, values = run.fields(0.0, "wall").points, run.fields(run.loaded_time, "wall").point_data[SHEAR]
     near = vessel.has_near(np.asarray(place, dtype=float))
     turned, position = vessel.course.around(np.asarray(place, dtype=float)[near])
     angle, position = np.degrees(turned), position * 1e3

@@ -231,8 +231,9 @@ class TimeLoop:
     def _retreat(self, time: float, size: float, error: SolverError) -> None:
         """Halve the step, or give up."""
         if size / 2 < self.case.time.smallest_step:
+            acting = self.system.sentence()
             raise SolverError(
-                f"the run ended at t = {time:.6g} s with {self.system.sentence()}: a step of {size:.3g} s to "
+                f"the run ended at t = {time:.6g} s{f' with {acting}' if acting else ''}: a step of {size:.3g} s to "
                 f"t = {time + size:.6g} s failed and time.smallest_step forbids a smaller one: {error}"
                 f"{self._explain(self.history.accepted > 0)}"
             ) from error

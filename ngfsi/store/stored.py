@@ -13,15 +13,17 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.errors import OutputError
-from ngfsi.measure.shear_history import ShearHistory, slope
+from ngfsi.measure.shear_history import ShearHistory, slope, within
 from ngfsi.store.disk import explained
 from ngfsi.store.folder import CASE, MANIFEST
 from ngfsi.store.table import read_table
 from ngfsi.store.vessels import StoredVessel
 from ngfsi.units import SAME_TIME
 
-SAME_PRESSURE = 1e-9
-"""Relative difference of pressures that is rounding."""
+SAME_LOAD = 1e-9
+"""Relative difference of loads that is rounding."""
+EVEN = 1e-3
+"""Relative difference of the largest pressure on the skin from its mean from which it is not even."""
 COMMON = ("time_", "step_", "skin_", "displacement_", "detF_")
 """Beginnings of columns that are of no single vessel."""
 
@@ -100,13 +102,37 @@ class StoredRun:
         found = self.series.get("skin_pressure_mean_Pa", self.series.get("skin_pressure_Pa"))
         return found if found is not None and np.any(found) else None
 
+    def on_skin(self, time: float) -> list[float]:
+        """Return the pressure on the skin at a time (s), cuffs included (Pa): mean over its area and, where that is
+        less, its largest value; nothing: there is none."""
+        if self.skin_pressure is None:
+            return []
+        pressures = self.skin_pressure, self.series.get("skin_pressure_max_Pa", self.skin_pressure)
+        mean, most = (float(np.interp(time, self.series["time_s"], one)) for one in pressures)
+        return [mean, most] if most - mean > EVEN * abs(mean) else [mean]
+
+    @property
+    def _loaded_rows(self) -> NDArray[np.int64]:
+        """Rows of the series in which the load is at its largest: the size of the pressure on the skin, or else, of
+        solids alone, their displacement; all rows if that never changes."""
+        load = self.skin_pressure
+        if load is None and not self.lumens:
+            load = self.series.get("displacement_max_m")
+        size = np.zeros(len(self.series["time_s"])) if load is None else np.abs(load)
+        return np.flatnonzero(size >= (1 - SAME_LOAD) * size.max())
+
     @property
     def loaded_row(self) -> int:
-        """Row of the series in which the pressure on the skin is first at its largest; the last if it never changes."""
-        pressure = self.skin_pressure
-        if pressure is None or np.ptp(pressure) <= SAME_PRESSURE * pressure.max():
-            return len(self.series["time_s"]) - 1
-        return int(np.argmax(pressure >= (1 - SAME_PRESSURE) * pressure.max()))
+        """Row of the series in which the load, see `loaded_time`, is first at its largest; the last if it never
+        changes."""
+        rows, last = self._loaded_rows, len(self.series["time_s"]) - 1
+        return last if len(rows) > last else int(rows[0])
+
+    @property
+    def loaded_time(self) -> float:
+        """Last time (s) at which the load is at its largest: the pressure on the skin, cuffs included, or, of solids
+        alone without such, their displacement; the end where there is no load that changes."""
+        return float(self.series["time_s"][self._loaded_rows[-1]])
 
     def along(self, name: str, unit: str) -> NDArray[np.float64]:
         """Return a quantity of the series at each station along the vessel over time, (times, stations).
@@ -216,23 +242,27 @@ class StoredRun:
         Thromb 12, 1992, of the average over time; Pa/m). The shape is that at the last time.
 
         Args:
-            start, end: s, e.g. of the last period; the stored times between them count.
+            start, end: s, e.g. of the last period; default: the whole run. They need not be stored times, between
+                which the stress goes by lines.
 
         Raises:
-            OutputError: fewer than two states of the wall are stored then.
+            OutputError: states of the wall are not stored from start to end.
         """
-        times = [time for time in self.field_times("wall") if start - SAME_TIME <= time <= end + SAME_TIME]
-        if len(times) < 2:
+        times = np.array(self.field_times("wall"))
+        last = times[-1] if len(times) else 0.0
+        end = last if end == float("inf") else end
+        if not (len(times) > 1 and times[0] - SAME_TIME <= start < end <= last + SAME_TIME):
             raise OutputError(
-                f"the run in '{self.path}' holds {len(times)} states of the wall from {start:g} to {end:g} s: averages "
-                "need two or more"
+                f"the run in '{self.path}' holds {len(times)} states of the wall up to {last:g} s: averages from "
+                f"{start:g} to {end:g} s need two or more around that time"
             )
-        shear = []
+        before, after = np.searchsorted(times, [start + SAME_TIME, end - SAME_TIME])
+        times, shear = times[before - 1 : after + 1], []
         for time in times:
             wall = self.fields(time, "wall")
             parts = [wall.point_data[f"wall_shear_{way}_Pa"] for way in ("axial", "circumferential")]
             shear.append(np.stack(parts, axis=1).astype(float))
-        found = ShearHistory.of(np.array(times), np.array(shear))
+        found = ShearHistory.of(*within(times, np.array(shear), start, end))
         wall.clear_data()
         for name, values in (("TAWSS_Pa", found.tawss), ("OSI_1", found.osi), ("RRT_1_Pa", found.rrt)):
             wall.point_data[name] = values
@@ -248,6 +278,12 @@ class StoredRun:
 
 def _chosen(table: Columns, rows: NDArray[np.bool_]) -> Columns:
     return {name: column[rows] for name, column in table.items()}
+
+
+def mean_over_steps(series: Columns, column: str) -> float:
+    """Return the mean of a column over the time after t = 0, each value counting for the step that it ends: where a
+    load starts with a jump of its rate, the value at t = 0 is of no time."""
+    return float(np.average(series[column][1:], weights=np.diff(series["time_s"])))
 
 
 def check_folder(folder: Path) -> None:

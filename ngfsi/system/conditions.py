@@ -40,7 +40,7 @@ def conditions_of(case: Case, domain: Domain, taken: Collection[str] = ()) -> li
         found.append(SkinMotion(domain, given.skin_displacement))
     elif domain.has_boundary(SKIN):
         found += [PressureOn("on the skin", domain, (SKIN,), loads.skin_pressure), *_cuffs(loads.cuffs, domain)]
-    found.append(Ends(domain, given.ends, moved=given.skin_displacement is not None))
+    found.append(Ends(domain, given.ends))
     found += [model.condition(domain, f"{model.kind} {n}") for n, model in enumerate(loads.further, start=1)]
     for vessel in domain.vessels:
         if vessel.lumen is None:

@@ -113,7 +113,8 @@ class System:
             domain=self.domain, unknowns=self.unknowns, order=self.unknowns.order, trial=trial, test=test,
             state=self.named(self.state), velocity_history=self.named(self.velocity_history), fields=self.fields,
             new_weight=self.new_weight, step=self.step, blood_density=self.blood_density, references=references,
-            fluid=self.case.materials.fluid, stiffness=max((law.shear_modulus or 0.0 for law in laws), default=1.0),
+            fluid=self.case.materials.fluid, densities={name: one.density for name, one in self.solids.items()},
+            stiffness=max((law.shear_modulus or 0.0 for law in laws), default=1.0),
             small=self._small, leads=self.ranks.leads,
         )  # fmt: skip
 

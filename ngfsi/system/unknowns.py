@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.conditions.condition import Condition
+from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain
 from ngfsi.physics.fields import MOTION, PRESSURE, STRETCH, VELOCITY
 
@@ -73,7 +74,12 @@ class Unknowns:
             conditions: say what is prescribed, and what numbers they add.
             plane_stress: regions of a plane solid whose stretch across the plane is unknown. It is of the order of the
                 motion's gradient, which in linear elasticity it follows.
+
+        Raises:
+            CaseError: nothing holds the solids, or plane stress is asked for in 3-D.
         """
+        if plane_stress and domain.mesh.dim == 3:
+            raise CaseError("conditions.plane_stress is for plane solids: regions in 3-D have all their stresses")
         motion, held = _motion(domain, order, conditions)
         parts: dict[str, Any] = {MOTION: motion}
         masks = [held]
@@ -149,9 +155,19 @@ def _motion(domain: Domain, order: int, conditions: Sequence[Condition]) -> tupl
     options = {f"dirichlet{component}": "|".join(names) for component, names in fixed.items() if names}
     motion = ng.VectorH1(domain.mesh, order=order, **options)
     free = _mask(motion.FreeDofs())
-    for condition in () if any(condition.supports() for condition in conditions) else conditions:
-        free[np.array(condition.points(motion), dtype=int)] = False
+    if domain.geometry.solids and not any(condition.supports() for condition in conditions):
+        points = [number for condition in conditions for number in condition.points(motion)]
+        if not points:
+            raise CaseError(_adrift(domain))
+        free[points] = False
     return motion, free
+
+
+def _adrift(domain: Domain) -> str:
+    others = 'or move a boundary: [[loads.further]] with kind = "displacement"'
+    if domain.ends:
+        return f"conditions.ends leaves solids without bones adrift: use 'roller' or 'clamped', {others}"
+    return f"nothing holds the solids of {type(domain.geometry).__name__}: name ends such as tissue_bottom, {others}"
 
 
 def _velocity(domain: Domain, order: int, given: Sequence[str]) -> tuple[Any, Any]:

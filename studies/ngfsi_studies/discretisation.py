@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 from ngfsi_geometry.segment import MeshSettings
 
 from ngfsi.case import Case
@@ -18,7 +17,7 @@ from ngfsi.errors import NgfsiError
 from ngfsi.report.figures import Convergence, convergence
 from ngfsi.report.tables import markdown_table
 from ngfsi.store.disk import replace_file
-from ngfsi.store.stored import StoredRun
+from ngfsi.store.stored import StoredRun, mean_over_steps
 from ngfsi.study import Study, run_study
 from ngfsi.units import from_si
 from ngfsi_studies.compare_tissues import LEVELS, MAIN, case, mesh
@@ -73,7 +72,7 @@ COLUMNS: Mapping[str, Callable[[StoredRun], float]] = {
     "cpu_s": lambda run: run.manifest["cpu_s"],
     "peak_memory_MB": lambda run: run.manifest["peak_memory_MB"],
     "lumen_area_mm2": lambda run: from_si(run.series["lumen_volume_m3"][-1] / run.case.geometry.length, "mm2"),
-    "sawss_Pa": lambda run: float(np.mean(run.series["sawss_Pa"][1:])),
+    "sawss_Pa": lambda run: mean_over_steps(run.series, "sawss_Pa"),
 }
 
 

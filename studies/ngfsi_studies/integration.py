@@ -15,7 +15,7 @@ from ngfsi.errors import NgfsiError
 from ngfsi.report.figures import Convergence, convergence
 from ngfsi.report.tables import markdown_table
 from ngfsi.store.disk import replace_file
-from ngfsi.store.stored import Columns
+from ngfsi.store.stored import Columns, mean_over_steps
 from ngfsi.study import Study, run_study
 from ngfsi_studies.discretisation import COLUMNS, Family, ramp
 
@@ -45,9 +45,13 @@ def more(family: Family, extra: int) -> Case:
 
 
 def changes_of(series: Columns, reference: Columns) -> dict[str, float]:
-    """Return by how much area and SAWSS of a run are off those of another, relative, largest over all times."""
-    area, sawss = (abs(series[name] / reference[name] - 1) for name in ("lumen_volume_m3", "sawss_Pa"))
-    mean = np.mean(series["sawss_Pa"][1:]) / np.mean(reference["sawss_Pa"][1:]) - 1
+    """Return by how much area and SAWSS of a run are off those of another, relative, largest over the other's times."""
+    times = reference["time_s"]
+    area, sawss = (
+        abs(np.interp(times, series["time_s"], series[name]) / reference[name] - 1)
+        for name in ("lumen_volume_m3", "sawss_Pa")
+    )
+    mean = mean_over_steps(series, "sawss_Pa") / mean_over_steps(reference, "sawss_Pa") - 1
     return {"area": float(np.max(area)), "sawss": float(np.max(sawss)), "mean": float(abs(mean))}
 
 

@@ -29,7 +29,7 @@ from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
-from ngfsi.units import to_si
+from ngfsi.units import SAME_TIME, to_si
 from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.source import tables
 
@@ -297,7 +297,7 @@ def over_cycles(run: StoredRun) -> Cycles:
     sizes = [float(np.linalg.norm(cycle, axis=2).mean()) for cycle in cycles]
     gaps = [float(np.linalg.norm(after - before, axis=2).mean()) for before, after in pairwise(cycles)]
     start = (CYCLES - 1) * period
-    last = times[times > start - run.case.time.step / 2]
+    last = times[times > start - SAME_TIME]
     mean = np.array([mean_over(between(run.fields(time, "wall")), SHEAR) for time in last])
     changes = tuple(gap / size for gap, size in zip(gaps, sizes[1:], strict=True))
     return Cycles(between(run.wall_history(start)), last - start, mean, changes)

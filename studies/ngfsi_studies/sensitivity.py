@@ -100,11 +100,11 @@ FACTORS: tuple[Factor, ...] = (
 
 def _loss(run: StoredRun) -> float:
     volume = run.series["lumen_volume_m3"]
-    return 100 * (1 - float(volume[-1] / volume[0]))
+    return 100 * (1 - float(volume[run.loaded_row] / volume[0]))
 
 
 def _sawss(run: StoredRun) -> float:
-    return mean_sawss(run, run.case.time.end)
+    return mean_sawss(run, float(run.series["time_s"][run.loaded_row]))
 
 
 def _rise(run: StoredRun) -> float:

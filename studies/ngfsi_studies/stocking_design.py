@@ -22,6 +22,7 @@ from ngfsi.case import Case, Cuff, Loads, Output
 from ngfsi.config.functions import Harmonics, PressureConstant, PressureHarmonics
 from ngfsi.errors import NgfsiError
 from ngfsi.measure.sections import STATIONS
+from ngfsi.measure.shear_history import within
 from ngfsi.mesh.domain import Domain
 from ngfsi.physics import terms
 from ngfsi.report.tables import markdown_table
@@ -119,23 +120,23 @@ RANGES = {
 }
 
 
-def _last_cycle(run: StoredRun) -> tuple[Array, Array]:
-    """Return times (s) of the last cycle, and the wall shear stress (Pa) around each section, (times, stations)."""
+def _last_cycle(run: StoredRun, *columns: str) -> tuple[Array, Array]:
+    """Return times (s) of the last cycle, of one period exactly, and columns then, (times, columns); default: the wall
+    shear stress (Pa) around each section."""
     times = run.series["time_s"]
-    inside = times >= times[-1] - PERIOD - 1e-9
-    shear = np.column_stack([run.series[f"wss_z{station:02d}_Pa"] for station in range(STATIONS)])
-    return times[inside], shear[inside]
+    columns = columns or tuple(f"wss_z{station:02d}_Pa" for station in range(STATIONS))
+    values = np.column_stack([run.series[column] for column in columns])
+    return within(times, values, float(times[-1]) - PERIOD, float(times[-1]))
 
 
 def over_cycle(run: StoredRun) -> Array:
     """Return the wall shear stress (Pa) around each section, averaged over the last cycle: (stations,)."""
     times, shear = _last_cycle(run)
-    return np.asarray(np.trapezoid(shear, times, axis=0) / (times[-1] - times[0]))
+    return np.asarray(np.trapezoid(shear, times, axis=0) / PERIOD)
 
 
 def _smallest_outflow(run: StoredRun) -> float:
-    times, _ = _last_cycle(run)
-    return float(np.min(run.series["flow_out_m3_s"][-len(times) :]))
+    return float(np.min(_last_cycle(run, "flow_out_m3_s")[1]))
 
 
 def _largest_loss(run: StoredRun) -> float:
@@ -349,8 +350,8 @@ def _draw(found: Found, folder: Path) -> None:
           folder / "along.png")  # fmt: skip
     outflow = []
     for key, run in runs.items():
-        times, _ = _last_cycle(run)
-        flow = np.array([from_si(value, "ml_s") for value in run.series["flow_out_m3_s"][-len(times) :]])
+        times, outflows = _last_cycle(run, "flow_out_m3_s")
+        flow = np.array([from_si(value, "ml_s") for value in outflows[:, 0]])
         outflow.append(Line(key, times - times[0], flow, "-"))
     lines({"last cycle": outflow}, ("time in the cycle [s]", "outflow [ml/s]"), folder / "outflow.png")
     _draw_surrogate(found, folder)

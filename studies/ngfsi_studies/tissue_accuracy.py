@@ -97,10 +97,9 @@ def _error(coarse: Results, finest: Results, bar: Results) -> Results:
 
 
 def _at_ramp_end(run: StoredRun) -> Results:
-    end = max(run.case.loads.skin_pressure.breakpoints)
     row = run.loaded_row
-    volume, sawss = (float(run.series[column][row]) for column in ("lumen_volume_m3", "sawss_Pa"))
-    return {"volume": volume, "sawss": sawss, "mean_sawss": mean_sawss(run, end)}
+    time, volume, sawss = (float(run.series[column][row]) for column in ("time_s", "lumen_volume_m3", "sawss_Pa"))
+    return {"volume": volume, "sawss": sawss, "mean_sawss": mean_sawss(run, time)}
 
 
 def _sum(parts: Mapping[str, Results]) -> Results:

@@ -40,7 +40,7 @@ def _groups(findings: Mapping[str, Finding]) -> list[Group]:
 
 
 def _series(findings: Mapping[str, Finding], groups: list[Group], folder: Path) -> Files:
-    full = max(groups[0].run.case.loads.skin_pressure.breakpoints)
+    full = max(finding.ramp_end.time for finding in findings.values())  # runs that failed ended before
     events = [(full, "full skin pressure")]
     failed = any(finding.failure for finding in findings.values())
     cross = " A cross marks where a run could not go on; it may lie outside of the frame." if failed else ""

@@ -78,6 +78,15 @@ def test_balance_at_each_instant() -> None:
         assert now.rate() == pytest.approx(rate, abs=2e-5 * size)
     powers = now.powers()
     assert all(abs(powers[name]) > 1e-3 * size for name in (*IN_CUFFS, "inlet", "body force"))
+    assert now.skin_power(powers) == pytest.approx(skin_power(now.system), rel=1e-9)
+
+
+def skin_power(system: System) -> float:
+    """Return the power of the cuffs from their pressures and the velocity of the deformed skin (W)."""
+    pressure = sum((cuff.pressure(END) * cuff.weight() for cuff in CUFFS), start=ng.CF(0.0))
+    velocity = system.new_weight * system.motion + system.velocity_history.components[0]
+    area = ng.Cof(ng.Id(3) + ng.Grad(system.motion)) * ng.specialcf.normal(3)
+    return float(ng.Integrate(-pressure * (velocity * area) * system.domain.ds("skin"), system.domain.mesh))
 
 
 def test_steady_flow_turns_all_power_into_heat() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from ngfsi.measure.shear_history import ShearHistory, slope
+from ngfsi.measure.shear_history import ShearHistory, slope, within
 
 TIMES = np.linspace(0.0, 2.0, 4001)
 PHASE = np.pi * TIMES
@@ -38,6 +38,20 @@ def test_uneven_times() -> None:
     """A stress that grows linearly has its middle as mean, however the times lie."""
     times = np.array([0.0, 0.1, 0.7, 1.0])
     assert ShearHistory.of(times, times[:, None, None] * np.ones(2)).tawss == pytest.approx(np.sqrt(2) / 2, rel=1e-12)
+
+
+def test_average_over_exactly_a_period() -> None:
+    """Steps that do not divide the period, one of them halved twice: still the mean of a + b sin(2 pi t/T)."""
+    period, a, b = 4.0, 1.0, 0.8
+    times = np.sort(np.r_[np.arange(0.0, 9.0, 0.17), 5.1 - 0.085, 5.1 - 0.0425])
+    shear = (a + b * np.sin(2 * np.pi * times / period + 0.7))[:, None, None]
+    end = float(times[-1])
+    cut, values = within(times, shear, end - period, end)
+    assert (cut[0], cut[-1]) == (end - period, end)
+    assert ShearHistory.of(cut, values).tawss == pytest.approx(a, rel=2e-3)
+    stored = times > end - period
+    assert abs(ShearHistory.of(times[stored], shear[stored]).tawss[0] - a) > 0.015  # over the stored times alone
+    assert within(times, times, 1.0, 2.5)[1] == pytest.approx(within(times, times, 1.0, 2.5)[0], rel=1e-12)
 
 
 def test_slope_along_a_wall() -> None:

@@ -77,8 +77,13 @@ def test_wall_history(stored: StoredRun) -> None:
     assert np.abs(found["OSI_1"]).max() < 1e-7
     np.testing.assert_allclose(found["RRT_1_Pa"] * found["TAWSS_Pa"], 1.0, rtol=1e-6)
     assert found["TAWSSG_Pa_m"].shape == found["TAWSS_Pa"].shape
-    with pytest.raises(OutputError, match=r"1 states of the wall from 0.5 to 0.6 s"):
-        stored.wall_history(0.5, 0.6)
+    between = stored.wall_history(0.6, 0.9)  # neither is stored
+    ends = 0.6 * walls[0] + 0.4 * walls[1], 0.4 * walls[1] + 0.6 * walls[2]
+    exact = (0.15 * (ends[0] + walls[1]) + 0.15 * (walls[1] + ends[1])) / 2 / 0.3
+    np.testing.assert_allclose(between["TAWSS_Pa"], exact, rtol=1e-6)
+    for start, end in ((0.5, 9.0), (-1.0, 0.5), (0.5, 0.5)):
+        with pytest.raises(OutputError, match=rf"holds 7 states of the wall up to 1.5 s: averages from {start:g} to"):
+            stored.wall_history(start, end)
 
 
 def test_invariants_of_the_tensors(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from ngfsi.errors import OutputError
 from ngfsi.materials import load_set
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
-from ngfsi.report import render
+from ngfsi.report import charts, render
 from ngfsi.report.html import report
 from ngfsi.report.shapes import unroll
 from ngfsi.report.terminal import run_summary
@@ -112,7 +112,7 @@ def test_solids_alone(tmp_path: Path) -> None:
     columns = {"skin_pressure_Pa": [0.0, 10.0, 0.0], "displacement_max_m": [0.0, 2e-3, 0.0]}
     run = store(tmp_path / "run", CASE, domain(), columns, {}, fields)
     headings, text = said(tmp_path, run)
-    shown = ["Largest displacement", "Hydrostatic pressure in the calf", "Tissue in 3-D: fake"]
+    shown = ["Largest displacement", "Hydrostatic pressure of the solids", "Solids in 3-D: fake"]
     assert headings == ["Result", "Setup", *shown, "Costs", "Sources"]
     assert "<td>0.5</td>" in text  # the load ends at 0: its largest counts
     with pytest.raises(OutputError, match="of no vessel"):
@@ -130,7 +130,7 @@ def test_a_plane_section(tmp_path: Path) -> None:
     vessel = {"lumen": None, "interface": "lumen", "wall": "solid", "outer": None, "radius_m": 0.01}
     run = store(tmp_path / "run", case, Domain.build(geometry), columns, {"": vessel}, fields)
     headings, text = said(tmp_path, run)
-    shown = ["Area of the lumen in the section", "Area inside the skin", "Hydrostatic pressure in the calf"]
+    shown = ["Area of the lumen in the section", "Area inside the skin", "Hydrostatic pressure of the solids"]
     assert headings == ["Result", "Setup", *shown, "Costs", "Sources"]
     assert ("<b>50.0</b>" in text, "<b>25.0</b>" in text) == (True, True)
     grid = run.fields(1.0)
@@ -143,6 +143,59 @@ def test_a_plane_section(tmp_path: Path) -> None:
         mesh = meshio.read(export(run, 1.0, fmt)[0])
         assert mesh.cells[0].type == ("triangle" if fmt == "abaqus" else "triangle6")
         assert fmt != "gmsh" or tuple(mesh.field_data["solid"]) == (1, 2)
+
+
+def test_stability_of_a_plane_section(tmp_path: Path) -> None:
+    geometry, law = Beam(), load_set("mooney_rivlin_s1")
+    case = Case(name="plane", geometry=geometry, materials=Materials(solid=law), loads=Loads(),
+                time=TimeStepping(step=0.5, end=1.0))  # fmt: skip
+    fields = {"displacement_m": ng.CF((0.1 * ng.x, 0)), "hydrostatic_pressure_Pa": ng.CF(2e3)}
+    run = store(tmp_path / "run", case, Domain.build(geometry), {}, {}, fields)
+    table = "time_s,softest_stiffness_1,softest_x_m,softest_y_m\n0.0,0.25,0.0,0.0\n1.0,0.125,0.0,0.0\n"
+    (run.path / "stability.csv").write_text(table, encoding="utf-8")
+    run = open_run(run.path)
+    headings, _ = said(tmp_path, run)
+    assert "Stiffness of the softest motion" in headings
+    (line,) = charts.softest({"plane": run}).data
+    assert (list(line.x), list(line.y)) == ([0.0, 1.0], [0.25, 0.125])
+
+
+LOADS: dict[str, tuple[dict[str, list[float]], tuple[float, float]]] = {
+    "ends at 0": ({"skin_pressure_mean_Pa": [0.0, 900.0, 900.0, 0.0]}, (0.5, 1.0)),
+    "suction": ({"skin_pressure_mean_Pa": [0.0, -900.0, -300.0, 200.0]}, (0.5, 0.5)),
+    "held": ({"skin_pressure_mean_Pa": [0.0, 900.0, 900.0, 900.0]}, (0.5, 1.5)),
+    "even": ({"skin_pressure_mean_Pa": [900.0] * 4}, (1.5, 1.5)),
+    "cuffs": ({"skin_pressure_Pa": [0.0, 1.0, 2.0, 3.0], "skin_pressure_mean_Pa": [0.0, 9.0, 5.0, 3.0]}, (0.5, 0.5)),
+    "none": ({"displacement_max_m": [0.0, 2e-3, 1e-3, 0.0]}, (1.5, 1.5)),
+}
+"""Columns at 0, 0.5, 1 and 1.5 s, and the first and the last time of the largest load."""
+
+
+@pytest.mark.parametrize("name", LOADS)
+def test_largest_load(stored: StoredRun, name: str) -> None:
+    """It is not taken to be that at the last time, nor at the last kink of a load."""
+    columns, (first, last) = LOADS[name]
+    run = replace(stored)
+    run.__dict__["series"] = {"time_s": np.array([0.0, 0.5, 1.0, 1.5])} | {k: np.array(v) for k, v in columns.items()}
+    assert (run.series["time_s"][run.loaded_row], run.loaded_time) == (first, last)
+
+
+def test_charts_show_the_largest_load(stored: StoredRun) -> None:
+    """Of the fake, whose lumen is narrowest from 1 s on, under a load that ends at 0: the lines and shapes at 0.5 s."""
+    run = replace(stored)
+    times = stored.series["time_s"]
+    run.__dict__["series"] = {**stored.series, "skin_pressure_mean_Pa": np.where(times == 0.5, 900.0, 0.0)}
+    half = int(np.argmax(times == 0.5))
+    first, loaded = charts.along_vein({"fake": run}, "area", "m2", 1e6, "").data
+    assert loaded.name == "fake, t = 0.5 s"
+    assert loaded.y == pytest.approx(1e6 * stored.series["area_z00_m2"][half])
+    assert first.y == pytest.approx(1e6 * stored.series["area_z00_m2"][0])
+    assert charts.outlines({"fake": run}).data[1].name == "t = 0.5 s"
+    shear = np.nanmean(unroll(run)[2])
+    assert shear == pytest.approx(
+        np.nanmean(np.linalg.norm(run.fields(0.5, "wall")["wall_shear_Pa"], axis=1)), rel=1e-2
+    )
+    assert shear < 0.95 * np.nanmean(unroll(stored)[2])
 
 
 def two_vessels(path: Path) -> StoredRun:
@@ -202,7 +255,7 @@ def test_cuffs(tmp_path: Path) -> None:
     assert "<td>10, most 30</td>" in text
     # the fake's transmural pressure does not change with the cuffs: no law, and without one no flow in one dimension
     assert not {"Tube law", "In one dimension"} & {*headings}
-    assert render._caption(run, 1.0) == "t = 1.00 s, 10.0 mmHg on the skin"
+    assert render._caption(run, 1.0) == "t = 1.00 s, 10.0 mmHg on the skin, most 30.0"
     assert transmission(run)[run.loaded_row] == pytest.approx(3000 / (4e3 / 3))
 
 

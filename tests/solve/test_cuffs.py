@@ -12,7 +12,11 @@ from ngfsi_geometry.segment import MeshSettings
 
 from ngfsi.case import Cuff
 from ngfsi.config.functions import FlowConstant, PressureConstant, PressureHarmonics, PressureRamp
-from ngfsi.errors import CaseError
+from ngfsi.errors import CaseError, SolverError
+from ngfsi.linear.backends import choose_backend
+from ngfsi.solve.initial import initial_state
+from ngfsi.solve.newton import Newton
+from ngfsi.solve.time_loop import TimeLoop
 from ngfsi.system.system import System
 from tests.runs import computed, largest_change
 from tests.slopes import apply
@@ -113,6 +117,23 @@ def test_blood_comes_back_through_the_outlet_while_the_vein_refills() -> None:
     assert np.mean(outflow[11:]) == pytest.approx(1e-7, rel=0.1)  # over a cycle what comes in goes out
     np.testing.assert_allclose(volume[11:], volume[1:11], rtol=2e-3)
     np.testing.assert_allclose(outflow[13:], outflow[3:11], atol=0.02 * np.max(outflow))
+
+
+def test_a_failure_says_what_the_cuffs_press() -> None:
+    """And not that there is no pressure on the skin beside them."""
+    ramp = PressureRamp(final=2000.0, duration=0.1)
+    cuffs = cuff(start=-1.0, end=4e-3).replace(pressure=ramp), cuff(start=4e-3, end=1.0)
+    case = case_of(TUBE, **{"loads.cuffs": cuffs, "time.step": 0.05, "time.end": 0.1, "time.smallest_step": 0.03})
+    system = system_of(case)
+    newton = Newton(system, choose_backend("auto"))
+    initial_state(system, newton)
+    refused = iter(["", "told to fail"])
+    with pytest.raises(SolverError) as caught:
+        for _ in TimeLoop(case, system, newton, lambda: next(refused)).run():
+            pass
+    said = str(caught.value)
+    assert said.startswith("the run ended at t = 0.05 s with 1000 Pa in cuff 1, 700 Pa in cuff 2, ")
+    assert "on the skin" not in said
 
 
 def test_written_and_refused() -> None:

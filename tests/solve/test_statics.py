@@ -170,5 +170,5 @@ def test_a_run_ends_where_equilibrium_does() -> None:
 def test_refusals() -> None:
     with pytest.raises(CaseError, match=r"conditions.plane_stress' names muscle: the solids of Ring are tissue"):
         case_of("tibia", plane_stress=("muscle",))
-    with pytest.raises(CaseError, match="these are for plane solids without fluid"):
+    with pytest.raises(CaseError, match="these are for solids without fluid"):
         case_of("tibia", plane_stress=("tissue",), initial_state="prestress")

@@ -135,5 +135,5 @@ def test_without_bones() -> None:
         assert not sizes(domain, field.components[0], *ends)[2]
         motions.append(np.array(field.vec.FV().NumPy())[rollers.blocks["d"]][held])
     assert np.linalg.matrix_rank(np.array(motions), tol=1e-6) == 3
-    with pytest.raises(CaseError, match="'free' leaves a segment without bones adrift: use 'roller' or 'clamped'"):
+    with pytest.raises(CaseError, match="leaves solids without bones adrift: use 'roller' or 'clamped'"):
         unknowns_of(domain, 2, "free")

@@ -118,8 +118,8 @@ def compute(setting: Setting) -> Values:
 def _row(time: float, energy: Energy, probe: VesselProbe) -> list[float]:
     probe.refresh()
     powers = energy.powers()
-    skin = powers.pop("on the skin")
-    others = sum(powers.values()) - energy.carried()
+    skin = energy.skin_power(powers)
+    others = sum(powers.values()) - skin - energy.carried()
     volume = (probe.integral("lumen volume"), probe.integral("lumen rate"))
     return [
         time,
