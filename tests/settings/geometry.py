@@ -71,6 +71,16 @@ def _sizes_of_a_tube() -> Outcome:
     return [volume(geometry, region) for region in ("fluid", "wall", "tissue")], 8e-3 * areas
 
 
+@entry("VeinSegment.hollow")
+def _hollow() -> Outcome:
+    """The wall is as before, and the blood is not there."""
+    hollow = domain_of(TUBE.replace(hollow=True))
+    return [hollow.volume("wall"), hollow.volume()], [
+        volume(TUBE, "wall"),
+        volume(TUBE, "wall") + volume(TUBE, "tissue"),
+    ]
+
+
 @entry("VeinSegment.vein_x", "VeinSegment.vein_y", rel=1e-6)
 def _place_of_a_vein() -> Outcome:
     return middle(TUBE.replace(vein_x=2e-3, vein_y=-1e-3)), [2e-3, -1e-3]

@@ -341,6 +341,39 @@ def _further() -> Outcome:
     return measured("skin_pressure_mean_Pa", loads__further=(Further.from_dict(table),)), 300.0
 
 
+@entry("BodyForceModel.acceleration", "BodyForceModel.regions", "BodyForceModel.over_time")
+def _body_force() -> Outcome:
+    """Its work along each axis, by the wall's mass alone, at a third of its rise."""
+    force = {"kind": "body_force", "acceleration_m_s2": [1.0, -2.0, 3.0], "regions": ["wall"],
+             "over_time": {"kind": "ramp", "final": 0.6, "duration_s": 0.3}}  # fmt: skip
+    system = system_of(case_of(TUBE, **{"loads.further": (force,)}))
+    works = []
+    for time in (0.0, 0.1):
+        system.update(time)
+        along = ng.GridFunction(system.unknowns.space)
+        residual = np.array(system.apply())
+        works.append([])
+        for axis in np.eye(3).tolist():
+            along.components[0].Set(ng.CF(tuple(axis)))
+            works[-1].append(float(residual @ along.vec.FV().NumPy()))
+    mass = system.case.materials.wall.density * system.domain.volume("wall")
+    return np.array(works[1]) - works[0], -0.2 * mass * np.array([1.0, -2.0, 3.0])
+
+
+@entry("DisplacementModel.boundaries", "DisplacementModel.displacement",
+       "DisplacementModel.over_time")  # fmt: skip
+def _displacement() -> Outcome:
+    """Means over the end that is moved, at a third of the rise."""
+    moved = {"kind": "displacement", "boundaries": ["tissue_top"], "displacement_mm": [1.0, -2.0, 3.0],
+             "over_time": {"kind": "ramp", "final": 0.6, "duration_s": 0.3}}  # fmt: skip
+    system = system_of(case_of(TUBE, **{"loads.further": (moved,)}))
+    system.update(0.1)
+    system.prescribe()
+    over, area = system.domain.ds("tissue_top"), system.domain.area("tissue_top")
+    means = [float(ng.Integrate(part * over, system.domain.mesh)) / area for part in system.motion]
+    return means, [0.2e-3, -0.4e-3, 0.6e-3]
+
+
 def cuff(**changes: Any) -> Callable[[float, float], float]:
     """Return the fraction of its pressure that a cuff exerts on the skin of a tube, by angle and z."""
     given = {"pressure": curves.PressureConstant(value=1.0), "start": 2e-3, "end": 8e-3, "edge": 1e-3} | changes

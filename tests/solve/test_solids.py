@@ -149,7 +149,7 @@ def test_a_mesh_without_blood(tmp_path: Path) -> None:
 HOLLOW: dict[str, Any] = {
     "calf": CalfSegment(hollow=True, further_veins=(CalfVein(lumen_diameter=5e-3, x=-8e-3, y=-14e-3),),
                         mesh=MeshSettings(axial_layers=2, vein_size=6e-3, far_size=40e-3)),
-    "oval": TubeSegment(hollow=True, length=20e-3, oval=1e-3),
+    "oval": TubeSegment(hollow=True, length=20e-3, aspect_ratio=1.5),
     "csg": BAR.replace(**{"mesh.element": "csg"}),
     "tetrahedra": BAR.replace(**{"mesh.element": "tetrahedron"}),
 }  # fmt: skip
