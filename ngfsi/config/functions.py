@@ -25,23 +25,32 @@ from ngfsi.units import Angle, FlowRate, Pressure, Time
 Q = TypeVar("Q", bound=float)
 
 
-class Constant(ConfigModel, Generic[Q]):
+class Curve(ConfigModel):
+    """Base of the curves."""
+
+    kind: str
+
+    @abstractmethod
+    def __call__(self, t: float) -> float:
+        """Return the value at time t (s), in SI."""
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) where the slope jumps."""
+        return ()
+
+
+class Constant(Curve, Generic[Q]):
     """The same value at all times."""
 
     kind: Literal["constant"] = "constant"
     value: Q
 
     def __call__(self, t: float) -> float:  # noqa: ARG002 - a curve takes the time even if it ignores it
-        """Return the value at time t (s), in SI."""
         return self.value
 
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times (s) where the slope jumps: none."""
-        return ()
 
-
-class Rise(ConfigModel, Generic[Q]):
+class Rise(Curve, Generic[Q]):
     """From `initial` to `final` within `duration` after `start`, held before and after; base of the ramps."""
 
     initial: Q = Field(default=0.0)  # type: ignore[assignment] # Q is a float, its alias only names the dimension
@@ -50,7 +59,6 @@ class Rise(ConfigModel, Generic[Q]):
     duration: Time = Field(gt=0)
 
     def __call__(self, t: float) -> float:
-        """Return the value at time t (s), in SI."""
         done = self._fraction(min(max((t - self.start) / self.duration, 0.0), 1.0))
         # exact at both ends, which initial + done * (final - initial) is not
         return (1.0 - done) * self.initial + done * self.final
@@ -72,7 +80,6 @@ class Ramp(Rise[Q]):
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times (s) where the slope jumps: both ends of the ramp."""
         return () if self.initial == self.final else (self.start, self.start + self.duration)
 
 
@@ -85,30 +92,30 @@ class SmoothRamp(Rise[Q]):
     def _fraction(elapsed: float) -> float:
         return (1.0 - cos(pi * elapsed)) / 2
 
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times (s) where the slope jumps: none."""
-        return ()
 
+class Sampled(Curve, Generic[Q]):
+    """Through given points; base of the curves of many values."""
 
-class Table(ConfigModel, Generic[Q]):
-    """Linear between given points, held before the first and after the last."""
-
-    kind: Literal["table"] = "table"
     times: tuple[Time, ...] = Field(min_length=1)
     values: tuple[Q, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
     def _is_a_function(self) -> Self:
         if len(self.times) != len(self.values):
-            raise ValueError(f"a table needs as many times as values, not {len(self.times)} and {len(self.values)}")
+            numbers = f"{len(self.times)} and {len(self.values)}"
+            raise ValueError(f"a {self.kind} needs as many times as values, not {numbers}")
         for earlier, later in pairwise(self.times):
             if later <= earlier:
-                raise ValueError(f"the times of a table must increase, but {later:g} s follows {earlier:g} s")
+                raise ValueError(f"the times of a {self.kind} must increase, but {later:g} s follows {earlier:g} s")
         return self
 
+
+class Table(Sampled[Q]):
+    """Linear between given points, held before the first and after the last."""
+
+    kind: Literal["table"] = "table"
+
     def __call__(self, t: float) -> float:
-        """Return the value at time t (s), in SI."""
         right = bisect_right(self.times, t)
         if right == 0 or right == len(self.times):
             return self.values[max(right - 1, 0)]
@@ -125,7 +132,7 @@ class Table(ConfigModel, Generic[Q]):
         return tuple(t for t, bend in zip(self.times, bends, strict=True) if bend)
 
 
-class Harmonics(ConfigModel, Generic[Q]):
+class Harmonics(Curve, Generic[Q]):
     """Periodic: mean + sum over n = 1, 2, ... of amplitude_n cos(2 pi n t / period + phase_n)."""
 
     kind: Literal["harmonics"] = "harmonics"
@@ -137,22 +144,16 @@ class Harmonics(ConfigModel, Generic[Q]):
     @model_validator(mode="after")
     def _one_phase_each(self) -> Self:
         if len(self.phases) != len(self.amplitudes):
-            raise ValueError(f"harmonics need as many phases as amplitudes, not {len(self.phases)} and "
-                             f"{len(self.amplitudes)}")  # fmt: skip
+            numbers = f"{len(self.phases)} and {len(self.amplitudes)}"
+            raise ValueError(f"harmonics need as many phases as amplitudes, not {numbers}")
         return self
 
     def __call__(self, t: float) -> float:
-        """Return the value at time t (s), in SI."""
         waves = enumerate(zip(self.amplitudes, self.phases, strict=True), start=1)
         return self.mean + sum(size * cos(2 * pi * n * t / self.period + phase) for n, (size, phase) in waves)
 
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times (s) where the slope jumps: none."""
-        return ()
 
-
-class Waveform(ConfigModel, Generic[Q]):
+class Waveform(Sampled[Q]):
     """One period of a measured curve, repeated: a periodic cubic spline through the points, the last as the first.
 
     Instead of times and values a file may be named, `{kind = "waveform", file = "inflow.csv"}`: two columns with a
@@ -161,7 +162,6 @@ class Waveform(ConfigModel, Generic[Q]):
 
     kind: Literal["waveform"] = "waveform"
     times: tuple[Time, ...] = Field(min_length=4)
-    values: tuple[Q, ...]
 
     @model_validator(mode="before")
     @classmethod
@@ -177,22 +177,12 @@ class Waveform(ConfigModel, Generic[Q]):
 
     @model_validator(mode="after")
     def _is_a_period(self) -> Self:
-        if len(self.times) != len(self.values):
-            raise ValueError(f"a waveform needs as many times as values, not {len(self.times)} and {len(self.values)}")
-        if any(later <= earlier for earlier, later in pairwise(self.times)):
-            raise ValueError("the times of a waveform must increase")
         if abs(self.values[-1] - self.values[0]) > 1e-6 * max(map(abs, self.values)):
             raise ValueError("the last value of a waveform must repeat the first one: it closes the period")
         return self
 
     def __call__(self, t: float) -> float:
-        """Return the value at time t (s), in SI."""
         return float(_periodic(self.times, self.values)(t))
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times (s) where the slope jumps: none."""
-        return ()
 
 
 @cache
@@ -202,40 +192,22 @@ def _periodic(times: tuple[float, ...], values: tuple[float, ...]) -> Any:
     return CubicSpline(times, (*values[:-1], values[0]), bc_type="periodic")
 
 
-PressureConstant, PressureRamp, PressureTable = Constant[Pressure], Ramp[Pressure], Table[Pressure]
-PressureSmoothRamp = SmoothRamp[Pressure]
-FlowConstant, FlowRamp, FlowTable = Constant[FlowRate], Ramp[FlowRate], Table[FlowRate]
-FlowSmoothRamp = SmoothRamp[FlowRate]
-PressureHarmonics, PressureWaveform = Harmonics[Pressure], Waveform[Pressure]
-FlowHarmonics, FlowWaveform = Harmonics[FlowRate], Waveform[FlowRate]
+PressureConstant, FlowConstant = Constant[Pressure], Constant[FlowRate]
+PressureRamp, FlowRamp = Ramp[Pressure], Ramp[FlowRate]
+PressureSmoothRamp, FlowSmoothRamp = SmoothRamp[Pressure], SmoothRamp[FlowRate]
+PressureTable, FlowTable = Table[Pressure], Table[FlowRate]
+PressureHarmonics, FlowHarmonics = Harmonics[Pressure], Harmonics[FlowRate]
+PressureWaveform, FlowWaveform = Waveform[Pressure], Waveform[FlowRate]
 
 PressureCurve = Annotated[
-    Constant[Pressure]
-    | Ramp[Pressure]
-    | SmoothRamp[Pressure]
-    | Table[Pressure]
-    | Harmonics[Pressure]
-    | Waveform[Pressure],
-    tagged(
-        "kind",
-        PressureConstant,
-        PressureRamp,
-        PressureSmoothRamp,
-        PressureTable,
-        PressureHarmonics,
-        PressureWaveform,
-    ),
-]
+    Curve,
+    tagged("kind", PressureConstant, PressureRamp, PressureSmoothRamp, PressureTable, PressureHarmonics,
+           PressureWaveform),
+]  # fmt: skip
 """A pressure over time: Pa over s."""
 
 FlowCurve = Annotated[
-    Constant[FlowRate]
-    | Ramp[FlowRate]
-    | SmoothRamp[FlowRate]
-    | Table[FlowRate]
-    | Harmonics[FlowRate]
-    | Waveform[FlowRate],
-    tagged("kind", FlowConstant, FlowRamp, FlowSmoothRamp, FlowTable, FlowHarmonics, FlowWaveform),
+    Curve, tagged("kind", FlowConstant, FlowRamp, FlowSmoothRamp, FlowTable, FlowHarmonics, FlowWaveform)
 ]
 """A volume flow rate over time: m3/s over s."""
 

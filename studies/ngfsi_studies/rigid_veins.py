@@ -288,7 +288,7 @@ def over_cycles(run: StoredRun) -> Cycles:
     from scipy.interpolate import make_interp_spline
 
     flow, times = run.case.loads.inlet_flow, np.array(run.field_times("wall"))
-    period = flow.times[-1]  # type: ignore[union-attr]
+    period = flow.times[-1]  # type: ignore[attr-defined] # of a waveform
     walls = [run.fields(time, "wall").point_data for time in times]
     ways = [[wall[f"wall_shear_{way}_Pa"] for way in ("axial", "circumferential")] for wall in walls]
     shear = make_interp_spline(times, np.moveaxis(np.array(ways), 1, 2), k=1)
