@@ -14,10 +14,9 @@ import tomllib
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -41,19 +40,16 @@ app = typer.Typer(
 )
 
 
-class Thoroughness(StrEnum):
-    """How thoroughly benchmarks are computed."""
+def parse_duration(text: str) -> float:
+    """Return the seconds in `--max-wall`.
 
-    ci = "ci"
-    full = "full"
-
-
-class Level(StrEnum):
-    """How finely a study computes."""
-
-    demo = "demo"
-    paper = "paper"
-    fine = "fine"
+    Raises:
+        CaseError: it is no duration.
+    """
+    try:
+        return seconds(text)
+    except ValueError as error:
+        raise CaseError(f"--max-wall {error}") from None
 
 
 def _load(plugins: list[str] | None) -> None:
@@ -63,17 +59,21 @@ def _load(plugins: list[str] | None) -> None:
 Plugin = Annotated[
     list[str] | None,
     typer.Option(
-        "--plugin", metavar="FILE.py", callback=_load, show_default=False,
+        "--plugin", metavar="FILE.py", callback=_load,
         help="Python file with geometries, laws or conditions of the case; may be given again.",
     ),
 ]  # fmt: skip
 """For every command that reads cases; what is done with it is done before the command begins."""
-Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the results.", show_default=False)]
+Folder = Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")]
+Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the results.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 MaxWall = Annotated[
-    str | None,
-    typer.Option(help="Time on the clock within which to stop, e.g. 2h or 90min; resume goes on.", show_default=False),
-]
+    float | None,
+    typer.Option(
+        parser=parse_duration, metavar="DURATION",
+        help="Time on the clock within which to stop, e.g. 2h or 90min; resume goes on.",
+    ),
+]  # fmt: skip
 
 
 @app.command()
@@ -99,18 +99,16 @@ def run(
     from ngfsi.case import Case
     from ngfsi.run import run as compute
 
-    chosen = Case.from_toml(case)
-    if changes:
-        chosen = chosen.replace(**dict(map(parse_change, changes)))
+    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
     folder = output or Path("runs") / chosen.name
     with _interruptible(folder):
-        compute(chosen, folder, quiet=quiet, max_wall=parse_duration(max_wall))
+        compute(chosen, folder, quiet=quiet, max_wall=max_wall)
     _point_to(folder, quiet)
 
 
 @app.command()
 def resume(
-    folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
+    folder: Folder,
     quiet: Quiet = False,
     max_wall: MaxWall = None,
     _: Plugin = None,
@@ -124,14 +122,16 @@ def resume(
     from ngfsi.run import resume as go_on
 
     with _interruptible(folder):
-        go_on(folder, quiet=quiet, max_wall=parse_duration(max_wall))
+        go_on(folder, quiet=quiet, max_wall=max_wall)
     _point_to(folder, quiet)
 
 
 @app.command()
 def study(
     name: Annotated[str, typer.Argument(help="Name of the study, e.g. compare_tissues.")],
-    level: Annotated[Level, typer.Option(help="How finely to compute: minutes, an hour, a day.")] = Level.demo,
+    level: Annotated[
+        Literal["demo", "paper", "fine"], typer.Option(help="How finely to compute: minutes, an hour, a day.")
+    ] = "demo",
     output: Output = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute again what failed.")] = False,
     quiet: Quiet = False,
@@ -146,23 +146,21 @@ def study(
     Example: ngfsi study compare_tissues --level paper
     """
     compute = registry.find("ngfsi.studies", name, "study", OutputError)
-    folder = output or Path("runs") / f"{name}-{level.value}"
+    folder = output or Path("runs") / f"{name}-{level}"
     if retry_failed:
         from ngfsi.study import forget_failed
 
         for path in forget_failed(folder):
             _say(f"'{path}' failed and is computed again")
     with _interruptible(folder):
-        report = compute(level.value, folder, quiet)
+        report = compute(level, folder, quiet)
     typer.echo(f"The report is in '{report}'")
 
 
 @app.command()
 def verify(
-    names: Annotated[
-        list[str] | None, typer.Argument(help="Benchmarks; default all.", metavar="[NAME]...", show_default=False)
-    ] = None,
-    level: Annotated[Thoroughness, typer.Option(help="Minutes, or hours with finer levels.")] = Thoroughness.ci,
+    names: Annotated[list[str] | None, typer.Argument(help="Benchmarks; default all.", metavar="[NAME]...")] = None,
+    level: Annotated[Literal["ci", "full"], typer.Option(help="Minutes, or hours with finer levels.")] = "ci",
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of verification.md.")] = Path("runs/verify"),
     quiet: Quiet = False,
 ) -> None:
@@ -180,7 +178,7 @@ def verify(
     results = []
     with _interruptible(output):
         for name, module in engine.chosen(names or ()).items():
-            result = engine.verify(name, module, level.value, silent if quiet else _say)
+            result = engine.verify(name, module, level, silent if quiet else _say)
             result.write(output / FOLDER)
             results.append(result)
         page = write_page(output)
@@ -193,15 +191,13 @@ def verify(
 @app.command()
 def bench(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Cases; default the short ones.", metavar="[NAME]...", show_default=False)
+        list[str] | None, typer.Argument(help="Cases; default the short ones.", metavar="[NAME]...")
     ] = None,
     against: Annotated[
         list[str] | None, typer.Option(help="Variant to compare with; may be given again.", metavar="VARIANT")
     ] = None,
     pairs: Annotated[int, typer.Option(min=1, help="Runs of each, by turns.")] = 5,
-    steps: Annotated[
-        int | None, typer.Option(min=1, help="Run only the first steps, and extrapolate.", show_default=False)
-    ] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Run only the first steps, and extrapolate.")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("runs/bench"),
 ) -> None:
     """Measure time, memory and counts of whole runs.
@@ -240,7 +236,7 @@ def materials() -> None:
 
 @app.command()
 def info(
-    folder: Annotated[Path | None, typer.Argument(help="Folder of a run.", metavar="RUN", show_default=False)] = None,
+    folder: Annotated[Path | None, typer.Argument(help="Folder of a run.", metavar="RUN")] = None,
     _: Plugin = None,
 ) -> None:
     """Show a run, or this installation.
@@ -256,7 +252,7 @@ def info(
 
 
 @app.command()
-def cite(folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")], _: Plugin = None) -> None:
+def cite(folder: Folder, _: Plugin = None) -> None:
     """Print what to cite for a run, and how to repeat it.
 
     Of methods and materials only those that it used.
@@ -274,12 +270,10 @@ def cite(folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar
 
 @app.command()
 def export(
-    folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
+    folder: Folder,
     time: Annotated[float, typer.Option(help="Time [s]; the fields stored nearest to it are taken.")],
     fmt: Annotated[str, typer.Option("--format", "-f", help="xdmf, vtu, gmsh or abaqus (the mesh alone).")],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write; default in RUN/export.", show_default=False)
-    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write; default in RUN/export.")] = None,
     _: Plugin = None,
 ) -> None:
     """Write the fields at one time for other programs.
@@ -297,7 +291,7 @@ def export(
 
 @app.command()
 def animate(
-    folder: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")],
+    folder: Folder,
     output: Annotated[Path, typer.Option("--output", "-o", help="GIF or MP4 to write.")] = Path("runs/vein.gif"),
     _: Plugin = None,
 ) -> None:
@@ -321,10 +315,10 @@ def report(
     output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("runs/report.html"),
     claims: Annotated[
         Path | None,
-        typer.Option(help="Printed numbers in TOML; default those of the studies.", show_default=False),
+        typer.Option(help="Printed numbers in TOML; default those of the studies."),
     ] = None,
     figures: Annotated[
-        Path | None, typer.Option(help="Folder for the charts as SVG and PNG.", metavar="FOLDER", show_default=False)
+        Path | None, typer.Option(help="Folder for the charts as SVG and PNG.", metavar="FOLDER")
     ] = None,
     _: Plugin = None,
 ) -> None:
@@ -366,18 +360,6 @@ def parse_change(text: str) -> tuple[str, Any]:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return key.strip(), value.strip()
-
-
-def parse_duration(text: str | None) -> float | None:
-    """Return the seconds in `--max-wall`.
-
-    Raises:
-        CaseError: it is no duration.
-    """
-    try:
-        return None if text is None else seconds(text)
-    except ValueError as error:
-        raise CaseError(f"--max-wall {error}") from None
 
 
 def _point_to(folder: Path, quiet: bool) -> None:
