@@ -10,7 +10,7 @@ import sys
 import threading
 from pathlib import Path
 from time import perf_counter
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Self
 
 from ngfsi.errors import Interrupted, StoppedError
@@ -26,12 +26,7 @@ class Stops:
     """
 
     def __init__(self, file: Path, max_wall: float | None = None) -> None:
-        """Prepare.
-
-        Args:
-            file: asks to end when it exists.
-            max_wall: seconds on the clock from now on within which the run is to end; None: any.
-        """
+        """Hear a file that asks to end when it exists, and a limit: seconds on the clock from now on; None: any."""
         self.patient = False
         self._file, self._max_wall = file, max_wall
         self._began = perf_counter()
@@ -44,9 +39,7 @@ class Stops:
             self._before = {number: signal.signal(number, self._on_signal) for number in SIGNALS}
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 

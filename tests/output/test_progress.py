@@ -22,7 +22,6 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 def shown(steps: int, capsys: pytest.CaptureFixture[str], *, quiet: bool = False) -> str:
     with Progress("demo", end=2.0, steps=steps, quiet=quiet) as progress:
-        progress.phase("meshing")
         for step in range(1, steps + 1):
             progress.advance(step, 2.0 * step / steps, 4)
     captured = capsys.readouterr()
