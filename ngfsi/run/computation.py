@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import resource
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from math import inf
 from pathlib import Path
 from time import perf_counter
-from typing import Literal
 
 import ngsolve as ng
 
@@ -98,36 +97,21 @@ def _finished(computation: Computation, quiet: bool, max_wall: float | None) -> 
     target = computation.folder
     try:
         with Stops(target.path / STOP, max_wall) as stops:
-            try:
-                computation.run(stops, quiet=quiet)
-            except Interrupted:
-                raise
-            except KeyboardInterrupt:  # at once
-                raise stops.interruption() from None
-    except (StoppedError, Interrupted) as error:
-        sentence = f"{error}{computation.reached}: go on with `ngfsi resume {target.path}`"
-        _note_end(target, "interrupted", f"{error}{computation.reached}")
-        raise (
-            StoppedError(sentence) if isinstance(error, StoppedError) else Interrupted(sentence, error.exit_code)
-        ) from None
-    except SolverError as error:
-        _note_end(target, "failed", str(error))
-        raise SolverError(f"{error}; what was computed is in '{target.path}'") from error
-    except NgfsiError as error:
-        _note_end(target, "failed", str(error))
-        raise
+            computation.run(stops, quiet=quiet)
     except BaseException as error:
-        _note_end(target, "failed", f"{type(error).__name__}: {error}")
+        stopped = isinstance(error, StoppedError | Interrupted)
+        reason = str(error) if stopped or isinstance(error, NgfsiError) else f"{type(error).__name__}: {error}"
+        reason += computation.reached if stopped else ""
+        with suppress(OutputError):  # a disk that does not take even that must not hide the reason
+            target.finish("interrupted" if stopped else "failed", reason)
+        if stopped:
+            error.args = (f"{reason}: go on with `ngfsi resume {target.path}`",)
+        elif isinstance(error, SolverError):
+            error.args = (f"{reason}; what was computed is in '{target.path}'",)
         raise
     target.finish("completed")
     computation.checkpoints.clear()
     return open_run(target.path)
-
-
-def _note_end(target: RunFolder, status: Literal["failed", "interrupted"], reason: str) -> None:
-    """Note how a run ended early; a disk that does not take even that must not hide the reason."""
-    with suppress(OutputError):
-        target.finish(status, reason)
 
 
 class Computation:
@@ -137,11 +121,7 @@ class Computation:
         self, case: Case, folder: RunFolder, backend: Name, checkpoints: Checkpoints,
         start: Checkpoint | None = None,
     ) -> None:  # fmt: skip
-        """Prepare.
-
-        Args:
-            start: from which to go on; None: from the beginning.
-        """
+        """Begin, or go on from the checkpoint `start`."""
         self.case, self.folder, self.backend = case, folder, backend
         self.checkpoints, self.start = checkpoints, start
         self.watch = Stopwatch()
@@ -216,19 +196,21 @@ class Computation:
         self.folder.log(f"resumed from t = {self._time:.6g} s")
 
     def _march(self, loop: TimeLoop, observers: Sequence[Observer], progress: Progress, stops: Stops) -> None:
-        steps = self._timed(loop.run())
+        steps = loop.run()
         while True:
             if request := stops.request():
                 self._write_checkpoint(loop, observers)
                 raise request
             try:
-                if (step := next(steps, None)) is None:
-                    return
+                with self.watch("steps"):
+                    step = next(steps, None)
             except SolverError:
                 for observer in observers:  # the last good state, to see what happened
                     if not observer.looked_at(self._time):
                         observer.look(self._time, None)
                 raise
+            if step is None:
+                return
             self._time = step.time
             self._factorisations += step.solution.factorisations
             for observer in observers:
@@ -257,15 +239,6 @@ class Computation:
             self.folder.log(f"t = {self._time:.6g} s: no checkpoint: {error}")
         else:
             self._checkpoint_time = self._time
-
-    def _timed(self, steps: Iterator[Step]) -> Iterator[Step]:
-        """Pass steps on, timing what is done inside the loop."""
-        while True:
-            with self.watch("steps"):
-                step = next(steps, None)
-            if step is None:
-                return
-            yield step
 
     def _note(self, system: System, probe: Probe) -> None:
         unknowns, domain = system.unknowns, system.domain

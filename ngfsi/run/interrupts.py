@@ -39,9 +39,11 @@ class Stops:
             self._before = {number: signal.signal(number, self._on_signal) for number in SIGNALS}
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _kind: object, error: object, _trace: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
+        if isinstance(error, KeyboardInterrupt) and not isinstance(error, Interrupted):  # at once
+            raise self._interruption() from None
 
     def _on_signal(self, number: int, _frame: FrameType | None) -> None:
         again, self._heard = self._heard is not None, signal.Signals(number)
@@ -54,7 +56,7 @@ class Stops:
         now = perf_counter()
         self._longest, self._latest = max(self._longest, now - self._latest), now
         if self._heard is not None:
-            return self.interruption()
+            return self._interruption()
         if self._file.exists():
             self._file.unlink(missing_ok=True)
             return StoppedError(f"stopped by the file {self._file.name}")
@@ -63,7 +65,6 @@ class Stops:
             return StoppedError(f"stopped before the {self._max_wall:g} s of --max-wall are over")
         return None
 
-    def interruption(self) -> Interrupted:
-        """Return the error of the signal that was heard."""
+    def _interruption(self) -> Interrupted:
         heard = self._heard or signal.SIGINT
         return Interrupted(f"interrupted {SIGNALS[heard]}", 128 + heard)
