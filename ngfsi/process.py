@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -23,44 +23,36 @@ INTERRUPTED = 130
 PLUGIN = "--plugin"
 
 
-def command(function: str, *arguments: str | Path) -> list[str]:
-    """Return the command that calls `function`, e.g. "ngfsi.mesh.generate:main", with texts."""
-    known = (text for plugin in registry.plugins() for text in (PLUGIN, plugin))
-    return [sys.executable, "-m", "ngfsi.process", *known, function, *map(str, arguments)]
+def call(
+    function: str, *arguments: str | Path, more: Mapping[str, str] | None = None, timeout: float | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Call a function, e.g. "ngfsi.mesh.generate:main", in a child process and return what it said and how it ended.
 
-
-def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the environment of a child: this one's, with the same paths to modules, and with what is given."""
-    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
-    return {**os.environ, "PYTHONPATH": paths, **(more or {})}
-
-
-def call(function: str, *arguments: str | Path, timeout: float | None = None) -> subprocess.CompletedProcess[str]:
-    """Call a function in a child process and return what it said and how it ended.
+    Args:
+        more: variables of its environment.
 
     Raises:
         subprocess.TimeoutExpired: it took longer than `timeout` (s), and was killed.
     """
-    return subprocess.run(
-        command(function, *arguments), env=environment(), capture_output=True, text=True, timeout=timeout, check=False
-    )
+    return subprocess.run(**_child(function, arguments, more), capture_output=True, timeout=timeout, check=False)
 
 
 def start(
     function: str, *arguments: str | Path, more: Mapping[str, str] | None = None, **options: Any
 ) -> subprocess.Popen[str]:
-    """Start a child process that calls a function; its standard error is a pipe.
-
-    Args:
-        more: variables of its environment.
-        options: of `subprocess.Popen`.
-    """
-    return subprocess.Popen(
-        command(function, *arguments), env=environment(more), stderr=subprocess.PIPE, text=True, **options
-    )
+    """Start a child process that calls a function, with options of `Popen`; its standard error is a pipe."""
+    return subprocess.Popen(**_child(function, arguments, more), stderr=subprocess.PIPE, **options)
 
 
-def last_line(said: str, otherwise: str) -> str:
+def _child(function: str, arguments: Iterable[str | Path], more: Mapping[str, str] | None) -> dict[str, Any]:
+    """Return command and environment of a child: this process's, with the same paths to modules."""
+    known = (text for plugin in registry.plugins() for text in (PLUGIN, plugin))
+    command = [sys.executable, "-m", "ngfsi.process", *known, function, *map(str, arguments)]
+    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+    return {"args": command, "env": {**os.environ, "PYTHONPATH": paths, **(more or {})}, "text": True}
+
+
+def last_line(said: str, otherwise: str = "it said nothing") -> str:
     """Return the last line that a child said, or something else if it said nothing."""
     return (said.strip().splitlines() or [otherwise])[-1]
 

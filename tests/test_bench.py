@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -71,25 +72,22 @@ def test_pairs_are_taken_by_turns(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three of five steps of 2 s each, and four measures of 0.5 s, in a process of 10 s: the whole takes 15 s."""
 
-    class Process:
-        pid, stderr = 1, type("Pipe", (), {"read": staticmethod(lambda: "")})()
-
-        def __init__(self, command: list[str], env: dict[str, str], **_: Any) -> None:
-            ran.append(Case.from_toml(command[-2]))
-            assert env["NGS_NUM_THREADS"] == env["MKL_NUM_THREADS"] == "7"
+    def child(command: list[str], env: dict[str, str]) -> Any:
+        ran.append(Case.from_toml(command[-2]))
+        assert env["NGS_NUM_THREADS"] == env["MKL_NUM_THREADS"] == "7"
+        return SimpleNamespace(returncode=0)
 
     ran: list[Case] = []
-    usage = type("Usage", (), {"ru_maxrss": 2048.0})()
     clock = iter([0.0, 10.0])
     stored = type("Run", (), {
-        "manifest": {"seconds": {"assembly": 5.0, "measures": 2.0}, "unknowns": 9, "factorisations": 1},
+        "manifest": {"seconds": {"assembly": 5.0, "measures": 2.0}, "unknowns": 9, "factorisations": 1,
+                     "peak_memory_MB": 2.0},
         "costs": {name: np.full(3, value) for name, value in
                   (("step", 1.0), ("iterations", 4.0), ("wall_s", 2.0))},
         "series": {"time_s": np.array([0.0, 0.01, 0.04]), "lumen_volume_m3": np.array([9e-6, 8e-6]),
                    "sawss_Pa": np.array([9.0, 0.1, 0.3])},
     })()  # fmt: skip
-    monkeypatch.setattr(bench.process.subprocess, "Popen", Process)
-    monkeypatch.setattr(bench.os, "wait4", lambda *_: (1, 0, usage))
+    monkeypatch.setattr(bench.process.subprocess, "run", lambda args, env, **_: child(args, env))
     monkeypatch.setattr(bench, "perf_counter", lambda: next(clock))
     monkeypatch.setattr(bench, "open_run", lambda _: stored)
     found = bench.run_sample(bench.Setup(CASES["tiny"], threads=7), steps=3)

@@ -7,8 +7,7 @@ cases and variants are in modules registered in the group `ngfsi.bench`.
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
@@ -86,16 +85,11 @@ def run_sample(setup: Setup, steps: int | None = None) -> Sample:
         shorter = case.replace(**{"time.end": count * case.time.step, "output.fields_every": 0})
         file.write_text(shorter.to_toml(), encoding="utf-8")
         started = perf_counter()
-        child = process.start(
-            "ngfsi.study.engine:main", file, target, more=threads(setup.threads) if setup.threads else None
-        )
-        assert child.stderr is not None
-        said = child.stderr.read()
-        _, status, usage = os.wait4(child.pid, 0)
+        more = threads(setup.threads) if setup.threads else None
+        child = process.call("ngfsi.study.engine:main", file, target, more=more)
         seconds = perf_counter() - started
-        child.returncode = os.waitstatus_to_exitcode(status)
         if child.returncode:
-            raise SolverError(process.last_line(said, "it said nothing"))
+            raise SolverError(process.last_line(child.stderr))
         stored = open_run(target)
         manifest, costs = stored.manifest, stored.costs
         results = _results(stored)
@@ -103,7 +97,7 @@ def run_sample(setup: Setup, steps: int | None = None) -> Sample:
     phases[OUTSIDE] = seconds - sum(phases.values())
     return Sample(
         seconds=seconds,
-        memory=usage.ru_maxrss / 1024,
+        memory=float(manifest["peak_memory_MB"]),
         unknowns=int(manifest["unknowns"]),
         steps=len(costs["step"]),
         iterations=int(costs["iterations"].sum()),
@@ -201,37 +195,31 @@ def compare(
     Args:
         pairs: number of rounds.
         steps: run only the first ones.
-        say: takes a line after each run.
         folder: where the complete rounds are stored if a run fails.
 
     Raises:
         SolverError: a run failed; says which.
     """
-    everything = {BASELINE: Setup(case), **variants}
-    for one in everything.values():
+    setups = {BASELINE: Setup(case), **variants}
+    for one in setups.values():
         Domain.build(one.case.geometry)  # all find their mesh in the cache
-    rounds: list[dict[str, Sample]] = []
-    for number in range(pairs):
-        found: dict[str, Sample] = {}
-        for label in list(everything)[:: -1 if number % 2 else 1]:
-            try:
-                found[label] = run_sample(everything[label], steps)
-            except SolverError as error:
-                if folder and rounds:
-                    _comparison(name, steps, case, everything, rounds).write(folder)
-                raise SolverError(f"{name}, {label}, run {number + 1} of {pairs}: {error}") from error
-            took = f"{found[label].seconds:.1f} s, {found[label].factorisations} factorisations"
-            say(f"{name}, {label}, {number + 1} of {pairs}: {took}")
-        rounds.append(found)
-    return _comparison(name, steps, case, everything, rounds)
-
-
-def _comparison(
-    name: str, steps: int | None, case: Case, labels: Iterable[str], rounds: Sequence[Mapping[str, Sample]]
-) -> Comparison:
-    samples = {label: [found[label] for found in rounds] for label in labels}
+    samples: dict[str, list[Sample]] = {label: [] for label in setups}
     planned = case.time.steps
-    return Comparison(name, min(steps or planned, planned), planned, samples)
+    found = Comparison(name, min(steps or planned, planned), planned, samples)
+    for number in range(pairs):
+        taken: dict[str, Sample] = {}
+        for label in list(setups)[:: -1 if number % 2 else 1]:
+            try:
+                taken[label] = run_sample(setups[label], steps)
+            except SolverError as error:
+                if folder and number:
+                    found.write(folder)
+                raise SolverError(f"{name}, {label}, run {number + 1} of {pairs}: {error}") from error
+            took = f"{taken[label].seconds:.1f} s, {taken[label].factorisations} factorisations"
+            say(f"{name}, {label}, {number + 1} of {pairs}: {took}")
+        for label, sample in taken.items():
+            samples[label].append(sample)
+    return found
 
 
 def named(kind: Literal["CASES", "VARIANTS"], names: Sequence[str]) -> dict[str, Any]:

@@ -61,7 +61,6 @@ class Series(Observer):
         self._probe, self._folder, self._watch = probe, folder, watch
 
     def look(self, time: float, step: Step | None) -> None:
-        """Measure."""
         with self._watch("measures"):
             self._probe.refresh()
             self._folder.append("series", {"time_s": time, "step_s": step.size if step else 0.0, **row(self._probe)})
@@ -78,13 +77,11 @@ class WallFields(Observer):
         self._probe, self._writer, self._watch, self.every = probe, writer, watch, every
 
     def look(self, time: float, _step: Step | None) -> None:
-        """Sample and write."""
         with self._watch("output"):
             vessels = self._probe.vessels.values()
             self._writer.write_wall(time, *(vessel.wall.sample(WALL_REFINEMENT) for vessel in vessels))
 
     def looked_at(self, time: float) -> bool:
-        """Whether the walls at a time have been written."""
         return time in self._writer.times["wall"]
 
 
@@ -124,15 +121,12 @@ class VolumeFields(Observer):
         return of_vessel | ({"branch": branch} if any(len(one.branches) > 1 for one in vessels) else {})
 
     def looked_at(self, time: float) -> bool:
-        """Whether the fields at a time have been written."""
         return time in self._writer.times["volume"]
 
     def state_arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Return what the stability at later times depends on."""
         return self._stability.arrays() if self._stability else {}
 
     def restore_state(self, arrays: Mapping[str, NDArray[np.float64]]) -> None:
-        """Take that."""
         if self._stability:
             self._stability.restore(arrays)
 

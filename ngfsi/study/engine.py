@@ -363,7 +363,7 @@ def _outcome(ended: tuple[int, str], folder: Path) -> Outcome:
         run = None
     if code == 0:
         return Outcome(run)
-    last = process.last_line(said, "it said nothing")
+    last = process.last_line(said)
     stored = str(run.manifest.get("reason", "")) if run else ""
     return Outcome(run, failure=stored or (f"its process was ended by signal {-code}" if code < 0 else last))
 
