@@ -118,4 +118,4 @@ def test_time_on_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_limit_shorter_than_the_start_keeps_the_state_at_the_start(tmp_path: Path) -> None:
     with pytest.raises(StoppedError, match=r"of --max-wall are over at t = 0 s, checkpoint at t = 0 s"):
         run(SHORT, tmp_path / "run", quiet=True, max_wall=0.01)
-    assert (tmp_path / "run" / "checkpoints" / "step-000000.json").exists()
+    assert (tmp_path / "run" / "checkpoints" / "step-000000.npz").exists()

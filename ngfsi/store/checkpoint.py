@@ -1,9 +1,7 @@
 """Checkpoints: named arrays from which a computation goes on, kept so that no crash and no bad disk goes unnoticed.
 
-    step-000012.npz    the arrays, without pickle: nothing in it can execute
-    step-000012.json   of what it is, and the SHA-256 of the arrays and of this record itself
-
-The record is written last; both files are there whole or not at all (disk.py). The last two checkpoints are kept.
+One is a file `step-000012.npz` of the arrays and of what they belong to, without pickle, so that nothing in it can
+execute, with the SHA-256 of all before it at its end. It is there whole or not at all (disk.py); the last two are kept.
 """
 
 from __future__ import annotations
@@ -15,6 +13,7 @@ from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +21,11 @@ from numpy.typing import NDArray
 from ngfsi.errors import OutputError
 from ngfsi.store.disk import UNFINISHED, explained, replace_file
 
-FORMAT = 1
+FORMAT = 2
 KEPT = 2
-ARRAYS, RECORD, CHECK = ".npz", ".json", "sha256"
+SUFFIX, RECORD = ".npz", "record"
+DIGITS = 64
+"""Of the SHA-256, which stands at the end of the file as a zip file's comment."""
 
 Arrays = dict[str, NDArray[np.float64]]
 
@@ -60,20 +61,20 @@ class Checkpoints:
         """Store arrays as the checkpoint after step `number`, and remove all but the last two.
 
         Raises:
-            OutputError: the files cannot be written; earlier checkpoints are as they were.
+            OutputError: the file cannot be written; earlier checkpoints are as they were.
         """
         with explained(self.folder, "made"):
             self.folder.mkdir(parents=True, exist_ok=True)
         packed = BytesIO()
-        np.savez(packed, **arrays)  # type: ignore[arg-type] # of mypy's view of **
-        path = self.folder / f"step-{number:06d}{RECORD}"
-        record = {"identity": self._identity, "facts": facts, "arrays": sha256(packed.getbuffer()).hexdigest()}
-        text = json.dumps({**record, CHECK: _digest(record)}, indent=1)
-        replace_file(path.with_suffix(ARRAYS), packed.getvalue())
-        replace_file(path, text.encode())
+        record = json.dumps({"identity": self._identity, "facts": facts})
+        np.savez(packed, **arrays, **{RECORD: np.array(record)})  # type: ignore[arg-type] # of mypy's view of **
+        with ZipFile(packed, "a") as file:
+            file.comment = bytes(DIGITS)
+        content = packed.getvalue()[:-DIGITS]
+        replace_file(self.folder / f"step-{number:06d}{SUFFIX}", content + _digest(content))
         with explained(self.folder, "tidied"):
-            for old in self._records()[KEPT:]:
-                _remove(old)
+            for old in self._files()[KEPT:]:
+                old.unlink(missing_ok=True)
 
     def latest(self) -> Checkpoint | None:
         """Return the newest checkpoint that is whole; None: there never was one.
@@ -82,13 +83,20 @@ class Checkpoints:
             OutputError: it belongs to something else, naming in what; or none of those there is whole.
         """
         damaged: list[str] = []
-        for path in self._records():
+        for path in self._files():
             try:
-                record = _checked_record(path)
-                self._refuse_strangers(path, record["identity"])
-                return Checkpoint(_checked_arrays(path, record), record["facts"], tuple(damaged))
-            except _DamagedError as error:
-                damaged.append(f"'{path}' {error}")
+                content = path.read_bytes()
+            except OSError as error:
+                damaged.append(f"'{path}' cannot be read: {error.strerror or error}")
+                continue
+            if _digest(content[:-DIGITS]) != content[-DIGITS:]:
+                damaged.append(f"'{path}' is not as it was written")
+                continue
+            with np.load(BytesIO(content), allow_pickle=False) as stored:
+                arrays = dict(stored)
+            record = json.loads(str(arrays.pop(RECORD)))
+            self._refuse_strangers(path, record["identity"])
+            return Checkpoint(arrays, record["facts"], tuple(damaged))
         if damaged:
             raise OutputError(f"no checkpoint can be used: {'; '.join(damaged)}")
         return None
@@ -98,14 +106,14 @@ class Checkpoints:
         if not self.folder.is_dir():
             return
         with explained(self.folder, "removed"):
-            for path in (*self._records(), *self.folder.glob(f"step-*{ARRAYS}"), *self.folder.glob(f"*{UNFINISHED}")):
-                _remove(path)
+            for path in (*self._files(), *self.folder.glob(f"*{UNFINISHED}")):
+                path.unlink(missing_ok=True)
             if not any(self.folder.iterdir()):
                 self.folder.rmdir()
 
-    def _records(self) -> list[Path]:
-        """Return the records, newest first."""
-        return sorted(self.folder.glob(f"step-*{RECORD}"), reverse=True)
+    def _files(self) -> list[Path]:
+        """Return the checkpoints, newest first."""
+        return sorted(self.folder.glob(f"step-*{SUFFIX}"), reverse=True)
 
     def _refuse_strangers(self, path: Path, found: Mapping[str, Any]) -> None:
         if differing := differences(found, self._identity):
@@ -126,39 +134,5 @@ def differences(one: Any, other: Any, prefix: str = "") -> dict[str, tuple[Any, 
     return found
 
 
-class _DamagedError(Exception):
-    """A checkpoint is not as it was written."""
-
-
-def _checked_record(path: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(path.read_bytes())
-        check = record.pop(CHECK)
-        if check != _digest(record):
-            raise ValueError
-    except OSError as error:
-        raise _DamagedError(f"cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise _DamagedError("is not as it was written") from None
-    return dict(record)
-
-
-def _checked_arrays(path: Path, record: Mapping[str, Any]) -> Arrays:
-    try:
-        content = path.with_suffix(ARRAYS).read_bytes()
-    except OSError as error:
-        raise _DamagedError(f"has no arrays: {error.strerror or error}") from None
-    if sha256(content).hexdigest() != record["arrays"]:
-        raise _DamagedError("has arrays that are not as they were written")
-    with np.load(BytesIO(content), allow_pickle=False) as stored:
-        return dict(stored)
-
-
-def _digest(record: Mapping[str, Any]) -> str:
-    return sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
-
-
-def _remove(record: Path) -> None:
-    """Remove a checkpoint, the record first: arrays without one are none."""
-    record.unlink(missing_ok=True)
-    record.with_suffix(ARRAYS).unlink(missing_ok=True)
+def _digest(content: bytes) -> bytes:
+    return sha256(content).hexdigest().encode()
