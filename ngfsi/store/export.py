@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
 
 import meshio
 import numpy as np
@@ -15,11 +14,8 @@ from ngfsi.store.disk import explained
 from ngfsi.store.fields import REGION
 from ngfsi.store.stored import StoredRun
 
-Format = Literal["xdmf", "vtu", "gmsh", "abaqus"]
-SUFFIX: dict[Format, str] = {"xdmf": ".xdmf", "vtu": ".vtu", "gmsh": ".msh", "abaqus": ".inp"}
-
-# of Gmsh's formats the one that keeps region names and that every program reads
-MESHIO_FORMAT = {"gmsh": "gmsh22"}
+FORMATS = {"xdmf": (".xdmf", "xdmf"), "vtu": (".vtu", "vtu"), "gmsh": (".msh", "gmsh22"), "abaqus": (".inp", "abaqus")}
+"""Name -> suffix, and meshio's name: of Gmsh's formats the one that keeps region names and that every program reads."""
 MERGE_DISTANCE = 1e-7
 """Points [m] nearer than this are the same node: single precision on a mesh of decimetres."""
 
@@ -46,11 +42,12 @@ def export(run: StoredRun, time: float, fmt: str, destination: Path | None = Non
     Raises:
         OutputError: unknown format, nothing stored, or the file cannot be written.
     """
-    if fmt not in get_args(Format):
-        raise OutputError(unknown("format", fmt, get_args(Format)))
+    if fmt not in FORMATS:
+        raise OutputError(unknown("format", fmt, FORMATS))
+    suffix, name = FORMATS[fmt]
     grid = run.fields(time)
     found = min(run.field_times(), key=lambda stored: abs(stored - time))
-    path = destination or run.path / "export" / f"t_{found:.6g}s{SUFFIX[fmt]}"  # type: ignore[index]
+    path = destination or run.path / "export" / f"t_{found:.6g}s{suffix}"
     regions = [str(name) for name in grid.field_data["regions"]]
     # where nodes coincide the first one's values win: begin with the blood
     mesh = _mesh(grid, sorted(range(len(regions)), key=lambda number: regions[number] not in run.lumens))
@@ -60,7 +57,7 @@ def export(run: StoredRun, time: float, fmt: str, destination: Path | None = Non
         mesh = _with_sets(mesh, regions)
     with explained(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        meshio.write(path, mesh, file_format=MESHIO_FORMAT.get(fmt, fmt))
+        meshio.write(path, mesh, file_format=name)
     return path, found
 
 
@@ -97,13 +94,9 @@ def _with_sets(mesh: meshio.Mesh, regions: list[str]) -> meshio.Mesh:
     dimension = 2 if mesh.cells[0].type.startswith(("triangle", "quad")) else 3
     return meshio.Mesh(
         points=mesh.points,
-        cells=[_gmsh(block) for block in mesh.cells],
+        cells=[(b.type, b.data[:, GMSH_PRISM] if b.type == "wedge18" else b.data) for b in mesh.cells],
         point_data=mesh.point_data,
         cell_data={tag: [block + 1 for block in numbers] for tag in ("gmsh:physical", "gmsh:geometrical")},
         field_data={name: np.array([i + 1, dimension]) for i, name in enumerate(regions)},
         cell_sets={name: [np.flatnonzero(block == i) for block in numbers] for i, name in enumerate(regions)},
     )
-
-
-def _gmsh(block: Any) -> tuple[str, Any]:
-    return block.type, block.data[:, GMSH_PRISM] if block.type == "wedge18" else block.data

@@ -81,9 +81,9 @@ class FieldWriter:
         }
         shown = volume_fields | {name: projection for name, (projection, _) in self._projected.items()}
         self._coefficients = [shown[name] for name in self._names]
-        regions = list(domain.regions)
-        self._regions = regions
-        self._cell_regions = np.array([regions.index(e.mat) for e in domain.mesh.Elements(ng.VOL)], dtype=np.int32)
+        self._regions = list(domain.regions)
+        numbers = [self._regions.index(element.mat) for element in domain.mesh.Elements(ng.VOL)]
+        self._cell_regions = np.array(numbers, dtype=np.int32)
         self.times = {
             name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in GRIDS
         }
@@ -106,26 +106,26 @@ class FieldWriter:
         self._store("wall", time, lambda: wall_grid(*walls))
 
     def _store(self, name: str, time: float, make: Callable[[], pv.UnstructuredGrid]) -> None:
-        number = len(self.times[name])
+        folder, file = self.folder / FOLDER, NUMBERED.format(name, len(self.times[name]))
         self.times[name].append(time)
-        with explained(self.folder / FOLDER):
-            (self.folder / FOLDER).mkdir(exist_ok=True)
-            self._save(make(), self.folder / FOLDER / NUMBERED.format(name, number))
+        with explained(folder):
+            folder.mkdir(exist_ok=True)
+            partial = folder / f"part-{file}"
+            make().save(partial)
+            move_into_place(partial, folder / file)
             self._list(name)
 
-    def _list(self, name: str) -> None:
-        files = [f"{FOLDER}/{file}" for file in self._files(name)]
-        write_index(self.folder / INDEX.format(name), files, self.times[name])
-
-    def _files(self, name: str) -> list[str]:
-        return [NUMBERED.format(name, number) for number in range(len(self.times[name]))]
+    def _list(self, name: str) -> list[str]:
+        """List the stored fields, and return their files."""
+        files = [NUMBERED.format(name, number) for number in range(len(self.times[name]))]
+        index = self.folder / INDEX.format(name)
+        if files or index.exists():
+            write_index(index, [f"{FOLDER}/{file}" for file in files], self.times[name])
+        return files
 
     def _forget_later_ones(self) -> None:
-        kept = {file for name in GRIDS for file in self._files(name)}
         with explained(self.folder / FOLDER):
-            for name in GRIDS:
-                if (self.folder / INDEX.format(name)).exists():
-                    self._list(name)
+            kept = {file for name in GRIDS for file in self._list(name)}
             for path in (self.folder / FOLDER).glob("*.vtu"):
                 if path.name not in kept:
                     path.unlink()
@@ -136,14 +136,8 @@ class FieldWriter:
         for projection, field in self._projected.values():
             projection.Set(field)
         raw = self.folder / FOLDER / "unfinished"
-        ng.VTKOutput(
-            self._mesh,
-            coefs=self._coefficients,
-            names=self._names,
-            filename=str(raw),
-            order=CELL_ORDER,
-            floatsize="single",
-        ).Do()
+        ng.VTKOutput(self._mesh, coefs=self._coefficients, names=self._names, filename=str(raw), order=CELL_ORDER,
+                     floatsize="single").Do()  # fmt: skip
         written = raw.with_suffix(".vtu")
         grid = pv.read(written)
         written.unlink()
@@ -156,12 +150,6 @@ class FieldWriter:
         grid.cell_data[REGION] = self._cell_regions
         grid.field_data["regions"] = self._regions
         return grid
-
-    @staticmethod
-    def _save(grid: pv.UnstructuredGrid, path: Path) -> None:
-        partial = path.with_name(f"part-{path.name}")
-        grid.save(partial)
-        move_into_place(partial, path)
 
 
 def _orient(grid: pv.UnstructuredGrid) -> None:
@@ -201,9 +189,8 @@ def wall_grid(*walls: WallSample) -> pv.UnstructuredGrid:
     firsts = np.cumsum([0, *(len(wall.points) for wall in walls[:-1])])
     nodes = np.concatenate([first + wall.quads for first, wall in zip(firsts, walls, strict=True)])
     quads = np.column_stack([np.full(len(nodes), 4), nodes])
-    grid = pv.UnstructuredGrid(
-        quads.ravel(), np.full(len(nodes), pv.CellType.QUAD), joined(lambda wall: wall.points)
-    )  # fmt: skip
+    points = joined(lambda wall: wall.points)
+    grid = pv.UnstructuredGrid(quads.ravel(), np.full(len(nodes), pv.CellType.QUAD), points)
     shown = {
         "wall_shear_Pa": lambda wall: wall.shear,
         "wall_shear_axial_Pa": lambda wall: wall.tangential[:, 0],

@@ -311,7 +311,8 @@ def open_run(path: Path | str) -> StoredRun:
         text = (folder / MANIFEST).read_text(encoding="utf-8")
     try:
         manifest = json.loads(text)
-        known = manifest["status"]
-    except (ValueError, KeyError, TypeError):
-        raise OutputError(f"'{folder / MANIFEST}' is not the manifest of a run") from None
-    return StoredRun(folder, {**manifest, "status": known})
+    except ValueError:
+        manifest = None
+    if not isinstance(manifest, dict) or "status" not in manifest:
+        raise OutputError(f"'{folder / MANIFEST}' is not the manifest of a run")
+    return StoredRun(folder, manifest)

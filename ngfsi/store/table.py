@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Self
@@ -57,19 +57,16 @@ class TableWriter:
             OutputError: the file cannot be written.
         """
         new = not self._columns
-        if new:
-            self._columns = tuple(rows[0])
-        lines = [[_number(row[column]) for column in self._checked(row)] for row in rows]
+        self._columns = self._columns or tuple(rows[0])
+        for row in rows:
+            if set(row) != set(self._columns):
+                raise ValueError(f"{self.path.name} has the columns {self._columns}, the row has {tuple(row)}")
+        lines = [[_number(row[column]) for column in self._columns] for row in rows]
         with explained(self.path), self.path.open("w" if new else "a", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerows([self._columns, *lines] if new else lines)
             file.flush()
             os.fsync(file.fileno())
-
-    def _checked(self, row: Mapping[str, float]) -> tuple[str, ...]:
-        if set(row) != set(self._columns):
-            raise ValueError(f"{self.path.name} has the columns {self._columns}, the row has {tuple(row)}")
-        return self._columns
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, float | str]]) -> None:
@@ -119,21 +116,13 @@ def read_table(path: Path) -> dict[str, NDArray[np.float64]]:
         text = path.read_text(encoding="utf-8")
     header, *lines = [line for line in text.splitlines(keepends=True) if line.endswith("\n")] or [""]
     columns = header.strip().split(",") if header else []
-    values = _values(path, lines, len(columns))
-    return {name: values[:, number] for number, name in enumerate(columns)}
-
-
-def _values(path: Path, lines: Iterable[str], columns: int) -> NDArray[np.float64]:
-    rows = list(lines)
-    if not rows:
-        return np.empty((0, columns))
     try:
-        values = np.loadtxt(rows, delimiter=",", ndmin=2)
+        values = np.loadtxt(lines, delimiter=",", ndmin=2) if lines else np.empty((0, len(columns)))
     except ValueError as error:
         raise OutputError(f"'{path}' is not a table of numbers: {error}") from None
-    if values.shape[1] != columns:
-        raise OutputError(f"'{path}' has {columns} column names, but {values.shape[1]} columns of numbers")
-    return values
+    if values.shape[1] != len(columns):
+        raise OutputError(f"'{path}' has {len(columns)} column names, but {values.shape[1]} columns of numbers")
+    return {name: values[:, number] for number, name in enumerate(columns)}
 
 
 def _number(value: float) -> str:
