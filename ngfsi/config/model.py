@@ -86,33 +86,28 @@ class ConfigModel(BaseModel):
         Raises:
             CaseError: a key is unknown or a value is refused (or the error class of the section concerned).
         """
-        tree: dict[str, Any] = {}
-        for path, value in changes.items():
-            *parents, last = path.split(".")
-            node = tree
-            for part in parents:
-                node = node.setdefault(part, _Changes())
-                if not isinstance(node, _Changes):
-                    raise CaseError(f"'{path}' cannot be changed together with '{part}', which contains it")
-            if isinstance(node.get(last), _Changes):
-                raise CaseError(f"'{path}' cannot be changed together with keys inside it")
-            node[last] = value
-        return self._changed(tree, "")
+        return self._changed(changes, "")
 
-    def _changed(self, tree: Mapping[str, Any], prefix: str) -> Self:
+    def _changed(self, changes: Mapping[str, Any], prefix: str) -> Self:
         values = {name: getattr(self, name) for name in type(self).model_fields if name in self.model_fields_set}
-        for key, change in tree.items():
-            known = keys_of(type(self)).get(key)
-            name = known.field if known else key
-            current = getattr(self, name) if known else None
-            path = f"{prefix}.{key}" if prefix else key
-            if isinstance(change, _Changes) and isinstance(current, ConfigModel):
-                values[name] = current._changed(change, path)
-            elif isinstance(change, _Changes):
-                raise CaseError(f"'{path}' {_unknown_key(type(self), key) if not known else 'holds no keys'}")
+        inside: dict[str, dict[str, Any]] = {}
+        for written, value in changes.items():
+            key, _, rest = written.partition(".")
+            if rest:
+                inside.setdefault(key, {})[rest] = value
             else:
-                values.pop(name, None)
-                values[key] = change
+                known = keys_of(type(self)).get(key)
+                values.pop(known.field if known else key, None)
+                values[key] = value
+        for key, part in inside.items():
+            path = f"{prefix}.{key}" if prefix else key
+            if key in changes:
+                raise CaseError(f"'{path}' cannot be changed together with keys inside it")
+            known = keys_of(type(self)).get(key)
+            current = getattr(self, known.field) if known else None
+            if not isinstance(current, ConfigModel):
+                raise CaseError(f"'{path}' {'holds no keys' if known else _unknown_key(type(self), key)}")
+            values[key] = current._changed(part, path)
         try:
             return type(self).model_validate(values)
         except ValidationError as error:
@@ -141,10 +136,6 @@ class ConfigModel(BaseModel):
             if field.is_required() and name not in fields:
                 raise key_error(_spellings(cls, name)[0], f"is missing: {_purpose(cls, name)}")
         return fields
-
-
-class _Changes(dict[str, Any]):
-    """A table of changes inside `replace`, as opposed to a table that is itself the new value."""
 
 
 @cache
