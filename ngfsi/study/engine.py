@@ -13,7 +13,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -205,14 +205,9 @@ def _report(
         page += [f"![results]({study.name}.png)", ""]
     shown = [[f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows]
     page += [markdown_table(list(rows[0]), shown), f"The numbers in full: {', '.join(files)}."]
-    failures = [
-        f"- {key} (runs/{digests[key]}): {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure
-    ]
-    page += (
-        ["", f"{len(failures)} failed, and are computed again on request (`--retry-failed`):", "", *failures]
-        if failures
-        else []
-    )
+    failures = [f"- {key} (runs/{digests[key]}): {one.failure}" for key, one in outcomes.items() if one.failure]
+    if failures:
+        page += ["", f"{len(failures)} failed, and are computed again on request (`--retry-failed`):", "", *failures]
     target = folder / f"{study.name}.md"
     replace_file(target, ("\n".join(page) + "\n").encode())
     return target
@@ -228,17 +223,23 @@ def _costs(outcomes: Mapping[str, Outcome]) -> list[str]:
     return [f"{len(manifests)} runs took {sum(seconds):.0f} s, {max(seconds):.0f} s the longest; {reused} were there."]
 
 
-def _reusable(folder: Path, case: Case) -> Outcome | None:
-    """Return the run of an equal case in the folder that is over, completed or failed, if there is one."""
+def _stored(folder: Path, case: Case) -> StoredRun | None:
+    """Return the run of an equal case in the folder, if there is one."""
     try:
         run = open_run(folder)
-        known = {"ngfsi": ngfsi.__version__, **registry.versions()}
-        same = run.case.digest == case.digest and known.items() <= run.manifest.get("versions", {}).items()
+        return run if run.case.digest == case.digest else None
     except NgfsiError:
         return None
-    if same and run.status == "failed":
+
+
+def _reusable(folder: Path, case: Case) -> Outcome | None:
+    """Return the run of an equal case by this version that is over, completed or failed, if there is one."""
+    run, known = _stored(folder, case), {"ngfsi": ngfsi.__version__, **registry.versions()}
+    if run is None or not known.items() <= run.manifest.get("versions", {}).items():
+        return None
+    if run.status == "failed":
         return Outcome(run, failure=str(run.manifest.get("reason", "")), reused=True)
-    return Outcome(run, reused=True) if same and run.status == "completed" else None
+    return Outcome(run, reused=True) if run.status == "completed" else None
 
 
 def forget_failed(folder: Path) -> list[Path]:
@@ -259,15 +260,11 @@ def _clear(folder: Path, case: Case) -> None:
     """Make room for a run: keep one of the same case that can go on, remove a failed one, move anything else aside."""
     if not folder.exists():
         return
-    try:
-        found = open_run(folder)
-        same = found.case.digest == case.digest
-    except NgfsiError:
-        same = False
+    run = _stored(folder, case)
     with explained(folder, "replaced"):
-        if same and found.status in ("running", "interrupted") and any((folder / CHECKPOINTS).glob("*")):
+        if run and run.status in ("running", "interrupted") and any((folder / CHECKPOINTS).glob("*")):
             return
-        if same:
+        if run:
             shutil.rmtree(folder)
         else:
             folder.rename(folder.with_name(f"{folder.name}.until-{time.strftime('%Y%m%d-%H%M%S')}"))
@@ -277,44 +274,29 @@ def _compute_all(
     cases: Mapping[str, Case], folder: Path, side_by_side: int, watch: Watch, executor: Executor | None
 ) -> Iterator[tuple[str, Outcome]]:
     """Run cases in child processes and yield what became of each as it ends."""
-    if executor is not None:
-        known = registry.plugins()
-        submitted = {
-            executor.submit(_compute, c.to_toml(), folder / key, plugins=known): key for key, c in cases.items()
-        }
-        yield from _gather(submitted, folder, watch)
-        return
     children: list[subprocess.Popen[str]] = []
-    count = max(1, (os.cpu_count() or 1) // side_by_side)
-    pool = ThreadPoolExecutor(side_by_side)
-    try:
-        waiting = {pool.submit(_compute, c.to_toml(), folder / key, count, children): key for key, c in cases.items()}
-        yield from _gather(waiting, folder, watch)
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        _interrupt(children)
-        raise
-    finally:
-        pool.shutdown()
-
-
-def _gather(waiting: dict[Future[tuple[int, str]], str], folder: Path, watch: Watch) -> Iterator[tuple[str, Outcome]]:
-    """Yield what becomes of submitted cases; when that ends early, those under way are asked to stop."""
+    count = 1 if executor else max(1, (os.cpu_count() or 1) // side_by_side)
+    pool, known = executor or ThreadPoolExecutor(side_by_side), registry.plugins()
+    waiting = {
+        pool.submit(_compute, case.to_toml(), folder / key, count, children, known): key for key, case in cases.items()
+    }
     try:
         while waiting:
             done, _ = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
             watch.look()
             for finished in done:
-                key = waiting.pop(finished)
-                error = finished.exception()
-                yield (
-                    key,
-                    _outcome((1, f"{type(error).__name__}: {error}") if error else finished.result(), folder / key),
-                )
-    finally:
+                key, error = waiting.pop(finished), finished.exception()
+                ended = (1, f"{type(error).__name__}: {error}") if error else finished.result()
+                yield key, _outcome(ended, folder / key)
+    except BaseException:  # also where the caller looks no further
         for future, key in waiting.items():
             if not future.cancel() and (folder / key).is_dir():
                 (folder / key / STOP).touch()
+        _interrupt(children)
+        raise
+    finally:
+        if executor is None:
+            pool.shutdown()
 
 
 def _interrupt(children: Sequence[subprocess.Popen[str]]) -> None:
@@ -332,9 +314,8 @@ def _interrupt(children: Sequence[subprocess.Popen[str]]) -> None:
 
 
 def _compute(
-    case: str, folder: Path, count: int = 1, children: list[subprocess.Popen[str]] | None = None,
-    plugins: Sequence[str] = (),
-) -> tuple[int, str]:  # fmt: skip
+    case: str, folder: Path, count: int, children: list[subprocess.Popen[str]], plugins: Sequence[str]
+) -> tuple[int, str]:
     """Run a case, given as the text of its file, in a child process with `count` threads, noted in `children`.
 
     Args:
@@ -347,8 +328,7 @@ def _compute(
     request.write_text(case, encoding="utf-8")
     # a session of its own keeps the terminal's Ctrl-C from it, which `_compute_all` passes on once
     child = process.start("ngfsi.study.engine:main", request, folder, more=threads(count), start_new_session=True)
-    if children is not None:
-        children.append(child)
+    children.append(child)
     said = child.communicate()[1]
     request.unlink()
     return child.returncode, said
