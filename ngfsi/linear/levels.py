@@ -38,12 +38,18 @@ class Levels:
 def levels_of(domain: Domain, unknowns: Unknowns) -> Levels:
     """Return the levels: smoothed is the solid of the most elements, away from what else there is."""
     motion, mesh = unknowns.space.components[0], domain.mesh
-    smoothed = _largest_solid(domain)
+    smoothed = max(domain.geometry.solids, key=lambda name: len(list(domain.materials(name).Elements())))
     fine = np.zeros(unknowns.size, dtype=bool)
     fine[: motion.ndof] = list(motion.GetDofs(domain.materials(smoothed)))
     if others := {*mesh.GetMaterials()} - {smoothed}:
         fine[: motion.ndof] &= ~np.array(list(motion.GetDofs(domain.materials(*others))))
-    on = _Nodes(motion)
+    starts = [motion.Range(i).start for i in range(len(motion.components))]
+
+    def on(kind: Any, number: int) -> Numbers:
+        """Return the numbers of the unknowns of a node of the mesh."""
+        own = np.array(motion.components[0].GetDofNrs(NodeId(kind, number)), dtype=np.int64)
+        return np.concatenate([own + start for start in starts])
+
     patches = [[on(VERTEX, i)] for i in range(mesh.nv)]
     direct = ~fine
     direct[np.concatenate([patch[0] for patch in patches])] = True
@@ -57,20 +63,3 @@ def levels_of(domain: Domain, unknowns: Unknowns) -> Levels:
     mesh_motion[unknowns.blocks["e"]] = True
     joined = (np.concatenate(parts) for parts in patches)
     return Levels((direct & ~mesh_motion, mesh_motion), [patch[fine[patch]] for patch in joined])
-
-
-def _largest_solid(domain: Domain) -> str:
-    elements = {name: sum(1 for _ in domain.materials(name).Elements()) for name in domain.geometry.solids}
-    return max(elements, key=lambda name: elements[name])
-
-
-class _Nodes:
-    """Numbers of a vector-valued space's unknowns by node of the mesh."""
-
-    def __init__(self, space: Any) -> None:
-        self._scalar = space.components[0]
-        self._starts = [space.Range(i).start for i in range(len(space.components))]
-
-    def __call__(self, kind: Any, number: int) -> Numbers:
-        own = np.array(self._scalar.GetDofNrs(NodeId(kind, number)), dtype=np.int64)
-        return np.concatenate([own + start for start in self._starts])
