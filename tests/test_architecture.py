@@ -19,9 +19,9 @@ from ngfsi.registry import IN_CASES
 
 ROOT = Path(ngfsi.__file__).parent
 ORDER = (
-    "errors", "units", "registry", "process", "config", "parallel", "mesh", "outlines", "materials", "physics",
-    "conditions", "case", "system", "linear", "solve", "measure", "store", "analysis", "report", "identify", "run",
-    "study", "bench", "verify", "cli",
+    "arrays", "errors", "units", "registry", "process", "config", "parallel", "mesh", "outlines", "materials",
+    "physics", "conditions", "case", "system", "linear", "solve", "measure", "store", "analysis", "report", "identify",
+    "run", "study", "bench", "verify", "cli",
 )  # fmt: skip
 NAMED = re.compile(r"(ngfsi(?:\.\w+)+)(?::\w+)?")
 """A module in a text, or a function of one that a child process calls."""

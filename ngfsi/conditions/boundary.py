@@ -6,11 +6,9 @@ from collections.abc import Callable
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.mesh.domain import Domain
-
-Array = NDArray[np.float64]
 
 
 def boundary_values(domain: Domain, name: str, order: int, function: Callable[[Array], Array]) -> Array:

@@ -20,8 +20,8 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 from ngsolve import Parameter
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError
 from ngfsi.materials.fluid.law import FluidLaw
@@ -29,9 +29,6 @@ from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics.fields import MOTION, Fields, Named
 from ngfsi.physics.integrals import Integral
-
-Vector = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -128,7 +125,7 @@ class Condition:
         """Return the numbers of the unknowns that it prescribes with values of their own, in the whole vector."""
         return np.zeros(0, dtype=np.int64)
 
-    def prescribe(self, values: Vector) -> None:
+    def prescribe(self, values: Array) -> None:
         """Write the values of the prescribed unknowns into a vector, for the present shape."""
 
     def update(self, t: float, load_factor: float = 1.0) -> None:
@@ -137,11 +134,11 @@ class Condition:
     def accept(self) -> None:
         """Take note that the present state is accepted, and a new step begins."""
 
-    def state_arrays(self) -> dict[str, Vector]:
+    def state_arrays(self) -> dict[str, Array]:
         """Return copies of all that it depends on beside case and state, for `restore_state`."""
         return {}
 
-    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
         """Take what `state_arrays` of an equal condition returned."""
 
     def flow_scale(self) -> float:
@@ -168,11 +165,11 @@ class WithValue(Condition):
         """Take the value at time t (s), or a fraction of it."""
         self.value.Set(load_factor * self.curve(t))
 
-    def state_arrays(self) -> dict[str, Vector]:
+    def state_arrays(self) -> dict[str, Array]:
         """Return the present value."""
         return {"value": np.array([self.value.Get()])}
 
-    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
         """Take a value."""
         self.value.Set(float(arrays["value"][0]))
 

@@ -14,7 +14,8 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import GridFunction, Parameter
 
-from ngfsi.conditions.condition import Condition, Numbers, OpeningModel, Setup, Vector, WithValue
+from ngfsi.arrays import Array, Numbers
+from ngfsi.conditions.condition import Condition, OpeningModel, Setup, WithValue
 from ngfsi.conditions.profiles import developed, inwards, oscillating, rim, womersley
 from ngfsi.config.functions import FlowCurve, PressureConstant, PressureCurve
 from ngfsi.errors import CaseError
@@ -108,12 +109,12 @@ class GivenFlow(Opening):
         self._field = self._flat() if self._kind == "flat" else self._profile()
         self._shape = self._values(self._field)
         self._flux = self._inflow_of(self._field)
-        self._wave: Callable[[float], Vector] | None = None
+        self._wave: Callable[[float], Array] | None = None
         if self._kind == "womersley":
             self._wave = self._oscillating()
         self._time, self._factor = 0.0, 1.0
 
-    def _values(self, field: GridFunction) -> Vector:
+    def _values(self, field: GridFunction) -> Array:
         return np.array(field.vec.FV().NumPy()[self._numbers])
 
     def _flat(self) -> GridFunction:
@@ -124,7 +125,7 @@ class GivenFlow(Opening):
             component.vec[int(number)] = 0.0
         return field
 
-    def _oscillating(self) -> Callable[[float], Vector]:
+    def _oscillating(self) -> Callable[[float], Array]:
         """Return Womersley's profile over time, without the mean of the flow."""
         period = getattr(self.curve, "period", None)
         if period is None:
@@ -135,7 +136,7 @@ class GivenFlow(Opening):
         assert fluid is not None
         into = inwards(self.domain, self.opening, self.lumen)
 
-        def profile_of(omega: float) -> tuple[Vector, complex]:
+        def profile_of(omega: float) -> tuple[Array, complex]:
             parameter = fluid.density * omega / fluid.nominal_viscosity
             face = womersley(self.domain, self.opening, self._setup.order, parameter)
             values, flux = [], []
@@ -161,7 +162,7 @@ class GivenFlow(Opening):
         super().update(t, load_factor)
         self._time, self._factor = t, load_factor
 
-    def prescribe(self, values: Vector) -> None:
+    def prescribe(self, values: Array) -> None:
         """Scale the profile to the deformed opening."""
         wanted = -self.value.Get() if self.outwards else self.value.Get()
         if self._wave is None:
@@ -238,16 +239,16 @@ class Traction(Opening):
             return terms.opening(setup.fluid, self.pressure(), k, f.grad_velocity, normal, v)
         return terms.follower_pressure(self.pressure(), k, normal, v)
 
-    def prescribe(self, _values: Vector) -> None:
+    def prescribe(self, _values: Array) -> None:
         """Take the flow with which blood comes back through an outlet."""
         if self._back is not None:
             self._entering.Set(max(0.0, -self.outflow()) / self._size(self._back_flux))
 
-    def state_arrays(self) -> dict[str, Vector]:
+    def state_arrays(self) -> dict[str, Array]:
         """Return the present value, and the factor on the profile with which blood comes back."""
         return {"value": np.array([self.value.Get(), self._entering.Get()])}
 
-    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
         """Take these."""
         value, entering = map(float, arrays["value"])
         self.value.Set(value)

@@ -7,11 +7,9 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.mesh.domain import Domain
-
-Vector = NDArray[np.float64]
 
 HARMONICS = 12
 """Of a periodic flow that Womersley's profile follows; the rest is developed flow."""
@@ -65,8 +63,8 @@ def rim(domain: Domain, opening: str, space: Any) -> ng.BitArray:
 
 
 def oscillating(
-    flow: Callable[[float], float], period: float, profile_of: Callable[[float], tuple[Vector, complex]]
-) -> Callable[[float], Vector]:
+    flow: Callable[[float], float], period: float, profile_of: Callable[[float], tuple[Array, complex]]
+) -> Callable[[float], Array]:
     """Return the prescribed values over time of a periodic flow (m3/s) of a period (s), its mean left out.
 
     Args:
@@ -79,7 +77,7 @@ def oscillating(
         values, flux = profile_of(2 * np.pi * n / period)
         waves.append((2 * np.pi * n / period, 2 * amplitudes[n] * values / flux))
 
-    def at(t: float) -> Vector:
+    def at(t: float) -> Array:
         return np.asarray(sum(np.real(wave * np.exp(1j * omega * t)) for omega, wave in waves))
 
     return at

@@ -10,14 +10,13 @@ import numpy as np
 from ngsolve import GridFunction
 from pydantic import Field
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.conditions.boundary import boundary_values
 from ngfsi.conditions.condition import (
     Condition,
     ConditionModel,
-    Numbers,
     OnSolids,
     Setup,
-    Vector,
     check_components,
 )
 from ngfsi.config.functions import FactorCurve, FactorRamp
@@ -109,7 +108,7 @@ class Ends(OnSolids):
         return found
 
 
-def _axis(normal: Vector) -> str | None:
+def _axis(normal: Array) -> str | None:
     """Return the coordinate axis along a unit vector, if there is one."""
     axis = int(np.argmax(np.abs(normal)))
     return AXES[axis] if abs(abs(normal[axis]) - 1) < ALIGNED else None
@@ -119,21 +118,21 @@ class Prescribed(Condition):
     """Unknowns with values of its own: `attach` sets their `_numbers`, and `update` their `_values`."""
 
     _numbers: Numbers
-    _values: Vector
+    _values: Array
 
     def prescribed(self) -> Numbers:
         """Return the numbers of the unknowns."""
         return np.asarray(self._numbers)
 
-    def prescribe(self, values: Vector) -> None:
+    def prescribe(self, values: Array) -> None:
         """Write their values."""
         values[self._numbers] = self._values
 
-    def state_arrays(self) -> dict[str, Vector]:
+    def state_arrays(self) -> dict[str, Array]:
         """Return the present values."""
         return {"values": self._values.copy()}
 
-    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
         """Take these."""
         self._values = np.array(arrays["values"])
 
@@ -250,7 +249,7 @@ class GivenVelocity(Prescribed):
         self._on_opening.Set(load_factor * self._velocity(t), definedon=region, bonus_intorder=4)
         self._values = np.array(self._field.vec.FV().NumPy()[self._numbers])
 
-    def restore_state(self, arrays: Mapping[str, Vector]) -> None:
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
         """Take values, which the field on the opening has as well."""
         super().restore_state(arrays)
         self._field.vec.FV().NumPy()[self._numbers] = self._values

@@ -14,8 +14,8 @@ from typing import Any, Literal
 import ngsolve as ng
 import numpy as np
 from ngsolve.solvers.mkl_pardiso import MKLPardiso
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.errors import SolverError
 from ngfsi.linear.levels import Levels
 from ngfsi.linear.mumps import Mumps
@@ -25,7 +25,7 @@ from ngfsi.parallel.ranks import SERIAL, all_ranks
 Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid", "fieldsplit"]
 
 GetLevels = Callable[[], "Levels"] | None
-GetScale = Callable[[], NDArray[np.float64]] | None
+GetScale = Callable[[], Array] | None
 
 NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
 """It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the

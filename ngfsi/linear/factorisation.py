@@ -7,17 +7,14 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Mask, Numbers
 from ngfsi.errors import SolverError
 from ngfsi.linear.backends import BACKENDS, Iterative, Name
 from ngfsi.linear.levels import Levels
 from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.system.sparse import pattern, ranges
-
-Mask = NDArray[np.bool_]
-Vector = NDArray[np.float64]
 
 
 class Factorisation:
@@ -27,9 +24,9 @@ class Factorisation:
     """
 
     def __init__(
-        self, form: ng.BilinearForm, free: Mask, backend: Name, equations: NDArray[np.int64] | None = None,
+        self, form: ng.BilinearForm, free: Mask, backend: Name, equations: Numbers | None = None,
         watch: Stopwatch | None = None, levels: Callable[[], Levels] | None = None,
-        scale: Callable[[], Vector] | None = None, ranks: Ranks = SERIAL,
+        scale: Callable[[], Array] | None = None, ranks: Ranks = SERIAL,
     ) -> None:  # fmt: skip
         """Prepare.
 
@@ -46,7 +43,7 @@ class Factorisation:
         self._watch, self._ranks = watch or Stopwatch(), ranks
         self._equations = np.arange(form.space.ndof) if equations is None else equations
         self._solved = ng.BitArray(list(free & np.array(list(form.space.FreeDofs(form.condense)))))
-        self._target: NDArray[np.int64] | None = None
+        self._target: Numbers | None = None
         self._inverse: Any = None
         self._iterates = isinstance(BACKENDS[backend], Iterative)
         self._levels = levels
@@ -83,7 +80,7 @@ class Factorisation:
         values = self.form.mat.AsVector().FV().NumPy()
         values[self._target] = values[self._source]
 
-    def _entries(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _entries(self) -> tuple[Numbers, Numbers]:
         """Return where the entries of the rows that move are to be, and where they are."""
         columns, starts = pattern(self.form.mat)
         moved = np.flatnonzero(self._equations != np.arange(len(self._equations)))

@@ -12,8 +12,8 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.errors import SolverError
 from ngfsi.linear import multigrid
 from ngfsi.linear.levels import Levels
@@ -21,9 +21,6 @@ from ngfsi.linear.mumps import by_mumps, check
 from ngfsi.linear.petsc import Summed
 from ngfsi.parallel.ranks import Ranks
 from ngfsi.system.sparse import csr
-
-Vector = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 NOT_YET = -3
 """PETSc's reason for an end after the most iterations."""
@@ -39,7 +36,7 @@ class FieldSplit:
         iterations: of GMRES since the beginning.
     """
 
-    def __init__(self, matrix: Any, rows: ng.BitArray, scale: Vector, levels: Levels, ranks: Ranks) -> None:
+    def __init__(self, matrix: Any, rows: ng.BitArray, scale: Array, levels: Levels, ranks: Ranks) -> None:
         """Set up.
 
         Args:
@@ -93,7 +90,7 @@ class FieldSplit:
             own = [patch for patch in patches if self._summed.rows.mine.start <= patch[0] < self._summed.rows.mine.stop]
             _smooth(part.getPC(), [np.searchsorted(field, patch) for patch in own])
 
-    def update(self, scale: Vector) -> None:
+    def update(self, scale: Array) -> None:
         """Take the new values of the matrix, and new scales.
 
         Raises:
@@ -103,7 +100,7 @@ class FieldSplit:
         self._solver.setOperators(self._summed.matrix)
         self._factorise(scale)
 
-    def _factorise(self, scale: Vector) -> None:
+    def _factorise(self, scale: Array) -> None:
         """Factorise, for unknowns over their scales: so what GMRES makes small is an update over the scales."""
         self._scale = scale[self._free]
         self._summed.scale_columns(self._scale)
@@ -114,7 +111,7 @@ class FieldSplit:
         for factors in self._factors:
             check(factors)
 
-    def solve(self, right: Any) -> Vector:
+    def solve(self, right: Any) -> Array:
         """Return the solution, its error below `TOLERANCE` in the Euclidean norm of the unknowns over their scales.
 
         All ranks give the same right-hand side and get the whole solution.

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from ngsolve import CELL, EDGE, FACE, VERTEX, NodeId
 
+from ngfsi.arrays import Mask, Numbers
 from ngfsi.mesh.domain import Domain
-from ngfsi.system.unknowns import Mask, Numbers, Unknowns
+from ngfsi.system.unknowns import Unknowns
 
 
 @dataclass(frozen=True)

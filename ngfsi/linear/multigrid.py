@@ -18,14 +18,12 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, gmres
 
+from ngfsi.arrays import Array
 from ngfsi.errors import SolverError
 from ngfsi.linear.levels import Levels
 from ngfsi.system.sparse import csr
-
-Vector = NDArray[np.float64]
 
 TOLERANCE = 1e-2
 """Of an update, over the scales of its unknowns; Newton's iterations refine it, and hardly take more."""
@@ -41,7 +39,7 @@ class PMultigrid:
     """
 
     def __init__(
-        self, matrix: Any, rows: ng.BitArray, scale: Vector, levels: Levels, factors: Callable[..., Any]
+        self, matrix: Any, rows: ng.BitArray, scale: Array, levels: Levels, factors: Callable[..., Any]
     ) -> None:
         """Set up.
 
@@ -62,7 +60,7 @@ class PMultigrid:
             vector[:] = 0.0
         self.update(scale)
 
-    def update(self, scale: Vector) -> None:
+    def update(self, scale: Array) -> None:
         """Take the new values of the matrix, which then must stay until the next update, and new scales."""
         self._scale = scale[self._free]
         whole = csr(self._matrix)
@@ -77,7 +75,7 @@ class PMultigrid:
         self._smoother = None  # its memory is free before the new one takes it
         self._smoother = self._matrix.CreateBlockSmoother(self._patches) if self._patches else None
 
-    def solve(self, right: Any) -> Vector:
+    def solve(self, right: Any) -> Array:
         """Return the solution, its error below `TOLERANCE` in the Euclidean norm of the unknowns over their scales.
 
         Raises:
@@ -100,12 +98,12 @@ class PMultigrid:
     def _count(self, _norm: float) -> None:
         self.iterations += 1
 
-    def _applied(self, x: Vector) -> Vector:
+    def _applied(self, x: Array) -> Array:
         self._x.FV().NumPy()[self._free] = x
         self._y.data = self._matrix * self._x
         return self._precondition(self._y)
 
-    def _precondition(self, right: Any) -> Vector:
+    def _precondition(self, right: Any) -> Array:
         """Return the result of one sweep over physics and patches, from zero."""
         total = self._correction
         first, *others = self._inverses

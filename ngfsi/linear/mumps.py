@@ -9,8 +9,8 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.errors import SolverError
 from ngfsi.linear.petsc import Summed
 from ngfsi.parallel.ranks import SERIAL, all_ranks
@@ -75,6 +75,6 @@ class Mumps(ng.la.SparseFactorizationInterface):  # type: ignore[misc]
         """Solve; all ranks give the same right-hand side and get the whole solution."""
         sol.FV().NumPy()[:] = self._summed.solved(self._solver, b.FV().NumPy())
 
-    def _csr(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    def _csr(self) -> tuple[Array, Numbers, Numbers]:
         values, columns, starts = (part.NumPy() for part in self.GetInnerMatrix().CSR())
         return np.array(values), np.asarray(columns, dtype=np.int64), np.asarray(starts, dtype=np.int64)

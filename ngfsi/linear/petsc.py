@@ -9,13 +9,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.errors import SolverError
 from ngfsi.parallel.ranks import SERIAL, Ranks
-
-Vector = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 _kept: list[Any] = []
 """PETSc destroys its objects on all ranks together, which Python's garbage collection would not wait for."""
@@ -66,7 +63,7 @@ class Summed:
         comm: PETSc's communicator.
     """
 
-    def __init__(self, ranks: Ranks, values: Vector, columns: Numbers, starts: Numbers) -> None:
+    def __init__(self, ranks: Ranks, values: Array, columns: Numbers, starts: Numbers) -> None:
         """Take the rows of this rank's matrix, compressed.
 
         Raises:
@@ -100,14 +97,14 @@ class Summed:
         if self._ranks is not SERIAL:
             _kept.extend(objects)
 
-    def update(self, values: Vector) -> None:
+    def update(self, values: Array) -> None:
         """Take new values of the same pattern."""
         self._mine.setValuesCSR(*self._pattern, values)
         self._mine.assemble()
         self._sum.assemble()
         self._sum.convert("aij", self.matrix)
 
-    def scale_columns(self, scale: Vector) -> None:
+    def scale_columns(self, scale: Array) -> None:
         """Multiply the columns, until the next update, with factors that every rank has of all."""
         self._solution.array[:] = self.part(scale)
         self.matrix.diagonalScale(None, self._solution)
@@ -119,11 +116,11 @@ class Summed:
         mine = numbers[(self.rows.mine.start <= numbers) & (numbers < self.rows.mine.stop)]
         return PETSc.IS().createGeneral(np.sort(mine).astype(PETSc.IntType), comm=self.comm)
 
-    def part(self, whole: Vector) -> Vector:
+    def part(self, whole: Array) -> Array:
         """Return of a vector that every rank has the rows of this one."""
         return whole[self.rows.order[self.rows.mine]]
 
-    def solved(self, solver: Any, right: Vector) -> Vector:
+    def solved(self, solver: Any, right: Array) -> Array:
         """Return what one of PETSc's solvers finds; all ranks give the whole right-hand side and get the whole."""
         self._right.array[:] = self.part(right)
         solver.solve(self._right, self._solution)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.measure.ellipticity import Ellipticity, extreme
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics, in_3d
@@ -18,7 +18,7 @@ CLOSE = 0.2
 """det F below which elements are said to be close to inversion."""
 
 
-def _in_mm(place: NDArray[np.float64]) -> str:
+def _in_mm(place: Array) -> str:
     return f"({', '.join(f'{from_si(float(x), SHOWN):.3g}' for x in place)}) {SHOWN}"
 
 

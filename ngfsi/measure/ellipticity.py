@@ -15,11 +15,9 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 from ngsolve.meshes import MakeStructured3DMesh
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.materials import SolidLaw
-
-Array = NDArray[np.float64]
 
 LARGEST = 10.0
 """Largest stretch looked at."""
@@ -71,7 +69,7 @@ class Ellipticity:
             parameter.Set(entries.get(axis, 0.0))
 
 
-def extreme(stretches: Array) -> NDArray[np.int64]:
+def extreme(stretches: Array) -> Numbers:
     """Return numbers of the points, of sorted stretches (n, 3), that are likely to be the worst."""
     orders = (stretches[:, 0], -stretches[:, 2], np.prod(stretches, axis=1))
     return np.unique(np.concatenate([np.argsort(order, kind="stable")[:WORST] for order in orders]))

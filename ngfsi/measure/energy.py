@@ -16,8 +16,8 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 from ngsolve import InnerProduct
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.conditions import Condition, PressureOn
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
@@ -113,12 +113,12 @@ class Energy:
             field.vec.FV().NumPy()[:] = value
         return (energies[0] - energies[1]) / (2 * span)
 
-    def _of_prescribed(self, condition: Condition, lacking: NDArray[np.float64], velocity: Any) -> float:
+    def _of_prescribed(self, condition: Condition, lacking: Array, velocity: Any) -> float:
         """Return the power of the force that makes prescribed unknowns what they are."""
         numbers = condition.prescribed()
         return float(np.dot(lacking[numbers], velocity[self.system.unknowns.equations[numbers]]))
 
-    def _velocity(self) -> NDArray[np.float64]:
+    def _velocity(self) -> Array:
         """Return the velocity of solids and blood as a function of the motion's space."""
         unknowns = self.system.unknowns
         velocity = np.zeros(unknowns.size)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
-
-Array = NDArray[np.float64]
 
 
 class Force:

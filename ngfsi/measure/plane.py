@@ -6,12 +6,10 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
-
-Array = NDArray[np.float64]
 
 
 class PlaneSectionProbe:

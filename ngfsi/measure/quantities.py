@@ -15,9 +15,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ngfsi import registry
+from ngfsi.arrays import Array
 from ngfsi.materials.fluid.law import FluidLaw
 from ngfsi.measure.branch import Branch
 from ngfsi.measure.hole import Hole
@@ -109,7 +109,7 @@ def _largest_reynolds(blood: FluidLaw, branch: Branch) -> float:
     return float(np.nanmax(blood.density * flows / areas * diameters / blood.nominal_viscosity))
 
 
-def _developed(p: VesselProbe, flows: NDArray[np.float64], shape: Shape | None = None) -> float:
+def _developed(p: VesselProbe, flows: Array, shape: Shape | None = None) -> float:
     """Return the SAWSS (Pa) of developed flow: 4 mu Q / (pi R^3), and for ellipses tau perimeter = G area with the
     pressure gradient G = 4 mu Q (a^2 + b^2) / (pi a^3 b^3)."""
     sections, viscosity = p.sections, p.system.blood.nominal_viscosity
@@ -120,7 +120,7 @@ def _developed(p: VesselProbe, flows: NDArray[np.float64], shape: Shape | None =
 
 
 def _along(
-    name: str, unit: str, description: str, values: Callable[[Branch], NDArray[np.float64]],
+    name: str, unit: str, description: str, values: Callable[[Branch], Array],
     applies: Callable[[Any], bool] = _always,
 ) -> list[Quantity]:  # fmt: skip
     """Return a quantity at each station along the centrelines; `{}` in the description is its number."""

@@ -10,12 +10,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.measure.sections import Sections
 from ngfsi.mesh.surface import Outlines, across
-
-Array = NDArray[np.float64]
 
 CUTS = 3
 """Centroids, and with them the axis, move when the vessel is cut anew."""
@@ -79,7 +77,7 @@ class Shape:
 
     @classmethod
     def _of_outlines(
-        cls, outlines: Outlines, points: Array, stations: Array, those: NDArray[np.int64], axis: Array | None = None
+        cls, outlines: Outlines, points: Array, stations: Array, those: Numbers, axis: Array | None = None
     ) -> Self:
         """Return the shape of some of the outlines at stations, from their points (arcs, points, 3).
 
@@ -118,7 +116,7 @@ class Shape:
         )
         return found._taken(those)
 
-    def _taken(self, numbers: NDArray[np.int64]) -> Self:
+    def _taken(self, numbers: Numbers) -> Self:
         """Return the shapes of those sections."""
         return replace(self, **{field.name: getattr(self, field.name)[numbers] for field in fields(self)})
 

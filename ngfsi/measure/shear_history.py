@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.units import SAME_TIME
 
 if TYPE_CHECKING:
     import pyvista as pv
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

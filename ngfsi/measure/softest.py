@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackError, eigs
 
+from ngfsi.arrays import Array
 from ngfsi.errors import SolverError
 from ngfsi.system.sparse import csr
 from ngfsi.system.system import System
@@ -81,7 +81,7 @@ class Softness:
         """
         return softest_mode(self._system)
 
-    def arrays(self) -> dict[str, NDArray[np.float64]]:
+    def arrays(self) -> dict[str, Array]:
         """Return nothing."""
         return {}
 

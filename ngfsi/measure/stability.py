@@ -19,17 +19,15 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
+from ngfsi.arrays import Array
 from ngfsi.conditions import PressureOn
 from ngfsi.errors import SolverError
 from ngfsi.linear.backends import BACKENDS, choose_backend
 from ngfsi.system.forms import tangent_form
 from ngfsi.system.sparse import csr
 from ngfsi.system.system import System
-
-Array = NDArray[np.float64]
 
 NEAREST = 4
 """Eigenvalues looked for around zero: once the smallest is negative, it may not be the nearest."""

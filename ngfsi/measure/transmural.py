@@ -5,14 +5,11 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 from ngsolve import InnerProduct
-from numpy.typing import NDArray
 
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.side import Side
 from ngfsi.physics import terms
 from ngfsi.system.system import System
-
-Array = NDArray[np.float64]
 
 DECIMALS = 9
 """Of an arc length in m: vertices that differ by less lie at one station."""

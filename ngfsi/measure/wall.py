@@ -17,8 +17,8 @@ from typing import Any, Literal
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.mesh.centreline import Centreline, direction, find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
@@ -27,7 +27,6 @@ from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import same_functions
 
-Array = NDArray[np.float64]
 Method = Literal["gradient", "consistent"]
 
 METHOD: Method = "gradient"
@@ -47,7 +46,7 @@ class WallSample:
     """
 
     points: Array
-    quads: NDArray[np.int64]
+    quads: Numbers
     shear: Array
     pressure: Array
     tangential: Array
@@ -269,7 +268,7 @@ def _grid(refinement: int) -> tuple[Array, list[float]]:
     return corners, [1.0] * len(corners)
 
 
-def _cells(refinement: int) -> NDArray[np.int64]:
+def _cells(refinement: int) -> Numbers:
     row = refinement + 1
     lower = np.array([j * row + i for j in range(refinement) for i in range(refinement)])
     return np.column_stack([lower, lower + 1, lower + row + 1, lower + row])

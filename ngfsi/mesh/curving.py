@@ -13,27 +13,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import ngsolve as ng
 import numpy as np
-from ngsolve import (
-    BND,
-    EDGE,
-    BilinearForm,
-    BitArray,
-    CoefficientFunction,
-    Grad,
-    GridFunction,
-    InnerProduct,
-    NodeId,
-    Projector,
-    Region,
-    VectorH1,
-    dx,
-    specialcf,
-    x,
-    y,
-    z,
-)
-from numpy.typing import NDArray
+
+from ngfsi.arrays import Array, Numbers
 
 EDGE_FACTOR = -8.0
 """NGSolve's function of second order on an edge is -1/8 in the edge's middle."""
@@ -48,18 +31,18 @@ class EdgeBulges:
         bulges: way from the middle of the straight edge to that of the curved one, shape (n, 3) [m].
     """
 
-    edges: NDArray[np.int64]
-    bulges: NDArray[np.float64]
+    edges: Numbers
+    bulges: Array
 
     def on(self, space: Any) -> Any:
         """Return the displacement as a grid function of a vector-valued H1 space of order 2 or more."""
-        shape = GridFunction(space)
+        shape = ng.GridFunction(space)
         numbers = {(int(a), int(b)): k for k, (a, b) in enumerate(self.edges)}
         for edge in space.mesh.edges:
             first, second = sorted(vertex.nr for vertex in edge.vertices)
             number = numbers.get((first, second))
             if number is not None:
-                dofs = np.reshape(space.GetDofNrs(NodeId(EDGE, edge.nr)), (len(self.bulges[number]), -1))
+                dofs = np.reshape(space.GetDofNrs(ng.NodeId(ng.EDGE, edge.nr)), (len(self.bulges[number]), -1))
                 for dof, value in zip(dofs[:, 0], self.bulges[number], strict=True):
                     shape.vec[int(dof)] = EDGE_FACTOR * float(value)
         return shape
@@ -76,27 +59,27 @@ class BoundaryMotion:
         by_name: boundary -> displacement; boundaries that share an edge must agree there.
     """
 
-    by_name: Mapping[str, CoefficientFunction]
+    by_name: Mapping[str, ng.CoefficientFunction]
 
     def on(self, space: Any) -> Any:
         """Return the displacement as a grid function of a vector-valued H1 space in three dimensions."""
-        motion = GridFunction(space)
-        given = BitArray(space.ndof)
+        motion = ng.GridFunction(space)
+        given = ng.BitArray(space.ndof)
         given[:] = False
         for name, field in self.by_name.items():
-            _overwrite_on_boundaries(motion, [name], field)
-            given |= space.GetDofs(Region(space.mesh, BND, name))
+            _on_boundaries(motion, [name], field)
+            given |= space.GetDofs(ng.Region(space.mesh, ng.BND, name))
         given[space.ndof // 3 * 2 : space.ndof] = True  # z
         trial, test = space.TnT()
-        strain = Grad(trial) + Grad(trial).trans
-        form = BilinearForm(InnerProduct(strain, Grad(test)) / specialcf.mesh_size**2 * dx, symmetric=True)
-        stiffness = form.Assemble().mat
+        strain = ng.Grad(trial) + ng.Grad(trial).trans
+        work = ng.InnerProduct(strain, ng.Grad(test)) / ng.specialcf.mesh_size**2
+        stiffness = ng.BilinearForm(work * ng.dx, symmetric=True).Assemble().mat
         inverse = stiffness.Inverse(~given, inverse="sparsecholesky")
         motion.vec.data -= inverse @ stiffness * motion.vec
         return motion
 
 
-ShapeMap: TypeAlias = CoefficientFunction | EdgeBulges | BoundaryMotion
+ShapeMap: TypeAlias = ng.CoefficientFunction | EdgeBulges | BoundaryMotion
 """From the curved mesh to the reference shape."""
 
 
@@ -110,41 +93,35 @@ def reference_shape(mesh: Any, boundaries: Sequence[str], order: int, shape_map:
         shape_map: displacement of the curved shape, in its coordinates, that follows the curving; that of edges stands
             in its place.
     """
-    space = VectorH1(mesh, order=order)
+    space = ng.VectorH1(mesh, order=order)
     if isinstance(shape_map, EdgeBulges):
         # Netgen would curve a mesh without a geometry along that of whatever mesh was there before
         return shape_map.on(space)
-    position = CoefficientFunction((x, y, z)[: mesh.dim])
+    position = ng.CF((ng.x, ng.y, ng.z)[: mesh.dim])
     mesh.Curve(order)
-    curved = _on_boundaries(space, boundaries, position)
+    shape = _on_boundaries(ng.GridFunction(space), boundaries, position)
     mesh.Curve(1)
-    straight = _on_boundaries(space, boundaries, position)
-    shape = GridFunction(space)
-    shape.vec.data = curved.vec - straight.vec
+    shape.vec.data -= _on_boundaries(ng.GridFunction(space), boundaries, position).vec
     if shape_map is not None:
         mesh.SetDeformation(shape)
         if isinstance(shape_map, BoundaryMotion):
             moved = shape_map.on(space)
         else:
-            moved = GridFunction(space)
+            moved = ng.GridFunction(space)
             moved.Set(shape_map)
-            _overwrite_on_boundaries(moved, boundaries, shape_map)
+            _on_boundaries(moved, boundaries, shape_map)
         mesh.UnsetDeformation()
         shape.vec.data += moved.vec
     return shape
 
 
-def _on_boundaries(space: Any, boundaries: Sequence[str], field: CoefficientFunction) -> Any:
-    values = GridFunction(space)
-    _overwrite_on_boundaries(values, boundaries, field)
-    return values
-
-
-def _overwrite_on_boundaries(values: Any, boundaries: Sequence[str], field: CoefficientFunction) -> None:
-    """Project the field onto each boundary by itself: a projection over all would be averaged along their rims."""
-    space, part = values.space, GridFunction(values.space)
+def _on_boundaries(values: Any, boundaries: Sequence[str], field: ng.CoefficientFunction) -> Any:
+    """Return a grid function with the values of a field on boundaries, projected onto each by itself: a projection over
+    all would be averaged along their rims."""
+    space, part = values.space, ng.GridFunction(values.space)
     for name in reversed(boundaries):
-        boundary = Region(space.mesh, BND, name)
+        boundary = ng.Region(space.mesh, ng.BND, name)
         part.Set(field, definedon=boundary)
-        Projector(space.GetDofs(boundary), False).Project(values.vec)
+        ng.Projector(space.GetDofs(boundary), False).Project(values.vec)
         values.vec.data += part.vec
+    return values

@@ -17,8 +17,8 @@ import netgen.meshing as nm
 import ngsolve
 import numpy as np
 from ngsolve import BND, VOL, CoefficientFunction, Mesh, Region, specialcf
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.errors import MeshError, RegionError, unknown
 from ngfsi.mesh.generate import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
 from ngfsi.mesh.geometry import Geometry, Vessel
@@ -28,7 +28,6 @@ LARGEST_VOLUME_ERROR = 0.01
 
 STRAIGHTENING = 10
 """Steps of Newton's method; five reach rounding in a vein that has collapsed."""
-Array = NDArray[np.float64]
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 END_FACE = re.compile(r"(tissue|wall)_(top|bottom)(_\d+)?")
 """Names of end faces of solids."""

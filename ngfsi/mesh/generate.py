@@ -26,10 +26,10 @@ from typing import TYPE_CHECKING, Any
 import netgen.meshing as nm
 import ngsolve
 import numpy as np
-from numpy.typing import NDArray
 from platformdirs import user_cache_dir
 
 from ngfsi import process
+from ngfsi.arrays import Array
 from ngfsi.errors import MeshError
 from ngfsi.mesh.curving import reference_shape
 
@@ -160,7 +160,7 @@ def quiet() -> Iterator[None]:
         ngsolve.ngsglobals.msg_level = level
 
 
-def jacobian_ratios(mesh: Any, shape: Any) -> NDArray[np.float64]:
+def jacobian_ratios(mesh: Any, shape: Any) -> Array:
     """Return for each element the smallest over the largest Jacobian determinant of its map.
 
     1 is an affine element, 0 or less one that is inverted somewhere. `shape`: displacement of the straight mesh, a

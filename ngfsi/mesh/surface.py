@@ -10,11 +10,8 @@ from typing import Any, NamedTuple
 import ngsolve as ng
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from ngfsi.arrays import Array, Mask, Numbers
 
 CORNERS = {
     ng.ET.QUAD: [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)],
@@ -59,7 +56,7 @@ class Line(NamedTuple):
         closed: whether the last arc ends where the first begins.
     """
 
-    element: Indices
+    element: Numbers
     ends: Array
     closed: bool
 
@@ -76,8 +73,8 @@ class Outlines:
         whole: (stations,) whether the curve lies in the plane; else it is a rim, or there is none.
     """
 
-    station: Indices
-    element: Indices
+    station: Numbers
+    element: Numbers
     points: Array
     normal: Array
     whole: Mask
@@ -252,7 +249,7 @@ class Surface:
         at[cut] += self._roots(plane[station[cut], element[cut]], at[cut], way)[..., None] * way
         return Outlines(station, element, at, normals, whole)
 
-    def _crossed(self, distance: Array, plane: Array) -> tuple[Indices, Indices, Indices]:
+    def _crossed(self, distance: Array, plane: Array) -> tuple[Numbers, Numbers, Numbers]:
         """Return station, element and both edges (arcs, 2) of each arc of an element between two edges.
 
         A vertex is on one side or on the other, also if it lies in the plane: so curves are closed whatever it meets.
@@ -340,7 +337,7 @@ def _slopes(degree: int) -> Array:
     return slopes
 
 
-def _lines(pairs: Indices, element: Indices, ends: Array) -> list[Line]:
+def _lines(pairs: Numbers, element: Numbers, ends: Array) -> list[Line]:
     """Join arcs into lines.
 
     Args:

@@ -7,18 +7,15 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from ngfsi.arrays import Array
 from ngfsi.config.columns import read_columns
 from ngfsi.config.messages import key_error
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
-
-Array = NDArray[np.float64]
-
 
 COLUMNS = ("x", "y", "ux", "uy")
 

@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from ngfsi.arrays import Array, Mask
 from ngfsi.config.columns import read_columns
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.units import Length
-
-Array = NDArray[np.float64]
 
 GAUSS, WEIGHTS = (0.5 * values for values in np.polynomial.legendre.leggauss(6))
 GAUSS = GAUSS + 0.5
@@ -177,13 +175,13 @@ class Outline(ConfigModel):
         outward = np.column_stack([tangent[:, 1], -tangent[:, 0]]) / np.linalg.norm(tangent, axis=1)[:, None]
         return Outline.through(self.points + distance * outward)
 
-    def contains(self, points: Array) -> NDArray[np.bool_]:
+    def contains(self, points: Array) -> Mask:
         """Return which of points (n, 2) [m] lie inside the curve, sampled at 4 points to a piece."""
         from matplotlib.path import Path as Polygon
 
         return np.asarray(Polygon(self._spline(self._arc[0])).contains_points(points))
 
-    def covers(self, x: Array, y: Array) -> NDArray[np.bool_]:
+    def covers(self, x: Array, y: Array) -> Mask:
         """Return which points of a grid lie inside, shape (rows, columns), as `contains`.
 
         Args:

@@ -6,13 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.errors import GeometryError
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.outlines.outline import Outline
-
-Array = NDArray[np.float64]
 
 POINTS = 1000
 FARTHEST = 5e-3

@@ -21,13 +21,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Mask
 from ngfsi.errors import SolverError
 from ngfsi.linear.backends import Name
 from ngfsi.linear.factorisation import Factorisation
 from ngfsi.linear.levels import levels_of
-from ngfsi.system.system import System, Vector
+from ngfsi.system.system import System
 from ngfsi.system.unknowns import NAMES
 
 SLOW = 12
@@ -48,7 +48,7 @@ FACTORED_KEPT = 2
 """Number of last states of factorisation that are kept."""
 
 
-def part_of(arrays: Mapping[str, Vector], name: str) -> dict[str, Vector]:
+def part_of(arrays: Mapping[str, Array], name: str) -> dict[str, Array]:
     """Return the arrays named `name.something` as those named `something`."""
     return {key.removeprefix(f"{name}."): part for key, part in arrays.items() if key.startswith(f"{name}.")}
 
@@ -72,16 +72,16 @@ class Mixing:
     def __init__(self, *equations: float) -> None:
         """Begin; `equations`: parameters of which the derivatives depend."""
         self._equations = np.array(equations)
-        self._dx: list[Vector] = []
-        self._dg: list[Vector] = []
-        self._last: tuple[Vector, Vector] | None = None
+        self._dx: list[Array] = []
+        self._dg: list[Array] = []
+        self._last: tuple[Array, Array] | None = None
 
-    def arrays(self) -> dict[str, Vector]:
+    def arrays(self) -> dict[str, Array]:
         """Return what it has learnt as plain arrays, for storage."""
         return {"equations": self._equations, "dx": np.array(self._dx), "dg": np.array(self._dg)}
 
     @classmethod
-    def stored(cls, arrays: Mapping[str, Vector]) -> Mixing:
+    def stored(cls, arrays: Mapping[str, Array]) -> Mixing:
         """Return the mixing stored as `arrays`."""
         mixing = cls(*arrays["equations"])
         mixing._dx, mixing._dg = list(arrays["dx"]), list(arrays["dg"])
@@ -94,7 +94,7 @@ class Mixing:
         self._last = None
         return self
 
-    def next(self, x: Vector, g: Vector, scale: Vector) -> Vector:
+    def next(self, x: Array, g: Array, scale: Array) -> Array:
         """Return the next iterate from the point x and its plain step g."""
         if self._last is not None:
             self._dx.append(x - self._last[0])
@@ -108,7 +108,7 @@ class Mixing:
         return np.asarray(x + g - weights @ np.array(self._dx) - weights @ dg)
 
 
-def _least_squares(rows: Vector, wanted: Vector) -> Vector:
+def _least_squares(rows: Array, wanted: Array) -> Array:
     """Return the weights of the rows, few and long, whose sum comes closest to a vector.
 
     By normal equations of the rows at unit length, in a third of the time of an orthogonal factorisation; a correction
@@ -132,7 +132,7 @@ class Newton:
         with system.ranks.order("newton", lambda: backend, lambda: blocks):
             self.number = system.ranks.count()
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
-        self.free: NDArray[np.bool_] = system.unknowns.free(*blocks)
+        self.free: Mask = system.unknowns.free(*blocks)
         self.factorisation = Factorisation(
             system.tangent,
             self.free,
@@ -146,11 +146,11 @@ class Newton:
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False
-        self._factored_at: list[dict[str, Vector]] = []
+        self._factored_at: list[dict[str, Array]] = []
         self._mixing = Mixing(*self._equations())
         self._update = system.state.vec.CreateVector()
 
-    def arrays(self) -> dict[str, Vector]:
+    def arrays(self) -> dict[str, Array]:
         """Return as plain arrays what the next solve depends on, for `restore`: of the factors, where they were made.
 
         Those are the first and the last point: Pardiso orders and scales every matrix as the first one.
@@ -160,7 +160,7 @@ class Newton:
         weight = np.nan if self._factored_weight is None else self._factored_weight
         return kept | {"renewal": np.array([weight, self._stale])}
 
-    def restore(self, arrays: Mapping[str, Vector]) -> None:
+    def restore(self, arrays: Mapping[str, Array]) -> None:
         """Go on as the solver that returned `arrays`; its factors are made again, and the system is left there."""
         self._factored_at = []
         for i in range(FACTORED_KEPT):
@@ -232,7 +232,7 @@ class Newton:
             history = []
         raise SolverError(self._failure_message(solution, scales))
 
-    def _plain_step(self) -> Vector:
+    def _plain_step(self) -> Array:
         residual = self.system.residual()
         residual.FV().NumPy()[~self.free] = 0.0
         with self.system.ranks.order("solve", lambda: self.number, residual.FV().NumPy):
@@ -274,13 +274,13 @@ class Newton:
             return True
         return len(history) > PATIENCE and history[-1] > history[-1 - PATIENCE] / 3
 
-    def _scale_vector(self, scales: Mapping[str, float]) -> Vector:
+    def _scale_vector(self, scales: Mapping[str, float]) -> Array:
         scale = np.ones(self.system.unknowns.size)
         for name in self.blocks:
             scale[self.system.unknowns.blocks[name]] = scales[name]
         return scale
 
-    def _changes(self, step: Vector, scales: Mapping[str, float]) -> dict[str, float]:
+    def _changes(self, step: Array, scales: Mapping[str, float]) -> dict[str, float]:
         whole = np.zeros(self.system.unknowns.size)
         whole[self.free] = step
         return {

@@ -9,12 +9,13 @@ from time import perf_counter
 
 import numpy as np
 
+from ngfsi.arrays import Array
 from ngfsi.case.case import SAME_TIME, Case
 from ngfsi.errors import SolverError
 from ngfsi.solve.initial import Say, silent
 from ngfsi.solve.newton import Newton, Solution, part_of
 from ngfsi.system.schemes import fraction_of_error, weights
-from ngfsi.system.system import System, Vector
+from ngfsi.system.system import System
 
 GROWS_BELOW = 10.0
 """Steps grow when their error is this much smaller than allowed."""
@@ -42,8 +43,8 @@ class History:
     """Old states, newest first: enough for the scheme and the predictor."""
 
     times: list[float] = field(default_factory=list)
-    states: list[Vector] = field(default_factory=list)
-    rates: list[Vector] = field(default_factory=list)
+    states: list[Array] = field(default_factory=list)
+    rates: list[Array] = field(default_factory=list)
     smooth: int = 0
     """Number of steps since the start or the last kink of a load."""
     accepted: int = 0
@@ -51,7 +52,7 @@ class History:
     size: float | None = None
     """Size (s) to be tried next; None: the nominal one."""
 
-    def arrays(self) -> dict[str, Vector]:
+    def arrays(self) -> dict[str, Array]:
         """Return the history as plain arrays, for storage."""
         counts = np.array([self.smooth, self.accepted])
         size = np.array([] if self.size is None else [self.size])
@@ -59,21 +60,21 @@ class History:
                 "counts": counts, "size": size}  # fmt: skip
 
     @classmethod
-    def stored(cls, arrays: Mapping[str, Vector]) -> History:
+    def stored(cls, arrays: Mapping[str, Array]) -> History:
         """Return the history stored as `arrays`."""
         times = [float(t) for t in arrays["times"]]
         smooth, accepted = map(int, arrays["counts"])
         size = float(arrays["size"][0]) if len(arrays["size"]) else None
         return cls(times, list(arrays["states"]), list(arrays["rates"]), smooth, accepted, size)
 
-    def push(self, time: float, state: Vector, rate: Vector) -> None:
+    def push(self, time: float, state: Array, rate: Array) -> None:
         """Add an accepted state."""
         self.times.insert(0, time)
         self.states.insert(0, state)
         self.rates.insert(0, rate)
         del self.times[3:], self.states[3:], self.rates[3:]
 
-    def extrapolated(self, time: float) -> Vector:
+    def extrapolated(self, time: float) -> Array:
         """Return the polynomial through the states since the last kink, at most quadratic, at a new time."""
         count = min(self.smooth + 1, len(self.times))
         known = self.times[:count]
@@ -116,13 +117,13 @@ class TimeLoop:
         """Time (s) of the last step."""
         return self._milestones[-1]
 
-    def arrays(self) -> dict[str, Vector]:
+    def arrays(self) -> dict[str, Array]:
         """Return as plain arrays all that the steps to come depend on, for `restore`."""
         self._begin()
         parts = {"history": self.history.arrays(), "newton": self.newton.arrays(), "system": self.system.snapshot()}
         return {f"{name}.{key}": array for name, part in parts.items() for key, array in part.items()}
 
-    def restore(self, arrays: Mapping[str, Vector]) -> None:
+    def restore(self, arrays: Mapping[str, Array]) -> None:
         """Go on as the loop that returned `arrays`: the steps to come are the same, to the last bit with one thread."""
         self.history = History.stored(part_of(arrays, "history"))
         self.newton.restore(part_of(arrays, "newton"))
@@ -201,7 +202,7 @@ class TimeLoop:
         self._check_accuracy(size, predicted)
         return solution
 
-    def _check_accuracy(self, size: float, predicted: Vector) -> None:
+    def _check_accuracy(self, size: float, predicted: Array) -> None:
         """Refuse a step that is less accurate than wanted and can be halved; note whether a longer one would do."""
         wanted, smallest = self.case.time.error_tolerance, self.case.time.smallest_step
         if wanted is None:
@@ -212,7 +213,7 @@ class TimeLoop:
         # of third order: doubled, a step errs eight times as much
         self._may_grow = error < wanted / GROWS_BELOW
 
-    def _local_error(self, size: float, predicted: Vector) -> float:
+    def _local_error(self, size: float, predicted: Array) -> float:
         """Return the estimated error of the step, relative to the scales of displacement and velocity.
 
         In the first two steps after a kink that of backward Euler, h^2/2 of the second derivative, by the change of

@@ -13,9 +13,9 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
 from ngfsi import registry
+from ngfsi.arrays import Array, Numbers
 from ngfsi.case import Case
 from ngfsi.errors import CaseError
 from ngfsi.linear.backends import Name
@@ -24,7 +24,7 @@ from ngfsi.mesh.generate import MeshReport, quiet
 from ngfsi.parallel.ranks import Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.solve.newton import Newton
-from ngfsi.system.system import System, Vector
+from ngfsi.system.system import System
 
 
 def shared_system(case: Case, domain: Domain, watch: Stopwatch, ranks: Ranks) -> System:
@@ -44,7 +44,7 @@ def shared_system(case: Case, domain: Domain, watch: Stopwatch, ranks: Ranks) ->
         return ranks.together(lambda: System(case, domain, watch, ranks, _mine(owners, ranks)))
 
 
-def partition(domain: Domain, count: int) -> NDArray[np.int64]:
+def partition(domain: Domain, count: int) -> Numbers:
     """Return the rank of each element: each region is cut into compact parts of the same number of elements."""
     elements = list(domain.mesh.Elements(ng.VOL))
     centres = np.array([np.mean([domain.mesh[v].point for v in e.vertices], axis=0) for e in elements])
@@ -56,7 +56,7 @@ def partition(domain: Domain, count: int) -> NDArray[np.int64]:
     return owners
 
 
-def _bisected(centres: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+def _bisected(centres: Array, count: int) -> Numbers:
     """Return the part of each point after recursive bisection across the longest extent (Berger and Bokhari, IEEE Trans
     Comput 36, 1987)."""
     if count == 1 or not len(centres):
@@ -70,7 +70,7 @@ def _bisected(centres: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     return parts
 
 
-def _mine(owners: NDArray[np.int64], ranks: Ranks) -> ng.BitArray:
+def _mine(owners: Numbers, ranks: Ranks) -> ng.BitArray:
     return ng.BitArray(list(owners == ranks.rank))
 
 
@@ -81,7 +81,7 @@ class Worker:
         self._ranks = ranks
         self._system: Any = None
         self._solvers: dict[int, Newton] = {}
-        self._known: dict[str, Vector] = {}
+        self._known: dict[str, Array] = {}
 
     def work(self) -> None:
         """Serve the calls of rank 0 until it is done."""
@@ -91,9 +91,7 @@ class Worker:
                  "solve": self.solve}
             )  # fmt: skip
 
-    def system(
-        self, plugins: tuple[str, ...], toml: str, mesh: bytes, report: MeshReport, owners: NDArray[np.int64]
-    ) -> None:
+    def system(self, plugins: tuple[str, ...], toml: str, mesh: bytes, report: MeshReport, owners: Numbers) -> None:
         """Make the system of a case (its file, read with plugins) on a mesh (Netgen's, as bytes)."""
 
         def make() -> System:
@@ -110,21 +108,21 @@ class Worker:
         solver = Newton(self._system, backend, *blocks)
         self._solvers[solver.number] = solver
 
-    def residual(self, changed_state: dict[str, Vector]) -> None:
+    def residual(self, changed_state: dict[str, Array]) -> None:
         """Add to the residual."""
         self._receive_state(changed_state)
         self._system.apply()
 
-    def renew(self, number: int, changed_state: dict[str, Vector]) -> None:
+    def renew(self, number: int, changed_state: dict[str, Array]) -> None:
         """Linearise and factorise."""
         self._receive_state(changed_state)
         self._solvers[number].factorisation.renew(self._system.state.vec)
 
-    def _receive_state(self, changed_state: dict[str, Vector]) -> None:
+    def _receive_state(self, changed_state: dict[str, Array]) -> None:
         self._known |= changed_state
         self._system.restore(self._known)
 
-    def solve(self, number: int, values: Vector) -> None:
+    def solve(self, number: int, values: Array) -> None:
         """Solve for a right-hand side."""
         residual, update = (self._system.state.vec.CreateVector() for _ in range(2))
         residual.FV().NumPy()[:] = values

@@ -11,12 +11,10 @@ from typing import Any, Self
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.physics.integrals import Integral
 from ngfsi.system.sparse import csr, pattern, ranges
-
-Vector = NDArray[np.float64]
 
 
 def residual_form(space: Any, parts: Sequence[Integral]) -> ng.BilinearForm:
@@ -55,7 +53,7 @@ class WithInertia:
     At the integration points NGSolve would take a third of the residual's time for them.
     """
 
-    def __init__(self, form: Any, mass: ng.BilinearForm, motion: Any, acceleration: Callable[[Vector], Vector]) -> None:
+    def __init__(self, form: Any, mass: ng.BilinearForm, motion: Any, acceleration: Callable[[Array], Array]) -> None:
         """Prepare.
 
         Args:
@@ -89,11 +87,11 @@ class WithoutRows:
 
     condense = False
 
-    def __init__(self, whole: ng.BilinearForm, part: ng.BilinearForm, rows: NDArray[np.int64]) -> None:
+    def __init__(self, whole: ng.BilinearForm, part: ng.BilinearForm, rows: Numbers) -> None:
         """Prepare; `rows`: numbers of the equations."""
         self._whole, self._part, self._rows = whole, part, rows
         self.space = whole.space
-        self._entries: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+        self._entries: tuple[Numbers, Numbers] | None = None
 
     @property
     def mat(self) -> Any:
@@ -117,7 +115,7 @@ class WithoutRows:
         here, there = self._entries
         values[here] -= other[there]
 
-    def _common_entries(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _common_entries(self) -> tuple[Numbers, Numbers]:
         """Return where the entries of the rows of the part are in both matrices."""
         places, keys = [], []
         for form in (self._whole, self._part):

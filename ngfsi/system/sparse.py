@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Numbers = NDArray[np.int64]
+from ngfsi.arrays import Array, Numbers
 
 
 def pattern(matrix: Any) -> tuple[Numbers, Numbers]:
@@ -16,7 +15,7 @@ def pattern(matrix: Any) -> tuple[Numbers, Numbers]:
     return columns, starts
 
 
-def csr(matrix: Any, entries: NDArray[np.float64] | None = None) -> Any:
+def csr(matrix: Any, entries: Array | None = None) -> Any:
     """Return a matrix as SciPy's `csr_matrix`, on its own arrays: it changes, and must end, with the matrix.
 
     Args:

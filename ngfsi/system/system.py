@@ -12,8 +12,8 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 from ngsolve import GridFunction, Inv, Parameter
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.conditions.condition import Condition, Setup
 from ngfsi.errors import CaseError
@@ -32,8 +32,6 @@ from ngfsi.system.conditions import conditions_of, references_of
 from ngfsi.system.forms import WithInertia, WithoutRows, residual_form, tangent_form
 from ngfsi.system.schemes import STEADY, Weights
 from ngfsi.system.unknowns import Unknowns
-
-Vector = NDArray[np.float64]
 
 EXTRA_ORDER = 1
 """Integration order of the blood's terms beyond twice that of the elements, for the lumen's balance of mass,
@@ -104,7 +102,7 @@ class System:
         self._prescribing = [c for c in acting if type(c).prescribe is not Condition.prescribe]
         self.form, self.tangent = self._forms(space)
         self._residual = self.state.vec.CreateVector()
-        self._last_sent: dict[str, Vector] = {}
+        self._last_sent: dict[str, Array] = {}
 
     def _setup(self, references: Mapping[str, Any]) -> Setup:
         trial, test = map(self.unknowns.named, self.unknowns.space.TnT())
@@ -164,7 +162,7 @@ class System:
         mass = tangent_form(motion.components[0], self.inertia_integrals(trial, test))
         velocity, rest = (field.vec.FV().NumPy() for field in (self.velocity_history, self.acceleration_history))
 
-        def acceleration(values: Vector) -> Vector:
+        def acceleration(values: Array) -> Array:
             return np.asarray(second_rate(self.new_weight.Get(), values, velocity, rest))
 
         return WithInertia(residual, mass, motion, acceleration)
@@ -298,7 +296,7 @@ class System:
     # ---------------------------------------------------------------- state, conditions, rates
 
     @property
-    def values(self) -> Vector:
+    def values(self) -> Array:
         """The state's vector of unknowns, as a view."""
         return np.asarray(self.state.vec.FV().NumPy())
 
@@ -312,9 +310,7 @@ class System:
         for condition in self.conditions.values():
             condition.update(t, load_factor)
 
-    def set_rates(
-        self, weights: Weights, states: tuple[Vector, Vector], rates: tuple[Vector, Vector], step: float
-    ) -> None:
+    def set_rates(self, weights: Weights, states: tuple[Array, Array], rates: tuple[Array, Array], step: float) -> None:
         """Take the weights of a step of a size (s), and the histories of (last, second last) states and rates."""
         self.step.Set(step)
         self.new_weight.Set(weights.new)
@@ -336,7 +332,7 @@ class System:
         conditions = [(f"condition {name}", one) for name, one in self.conditions.items()]
         return [*conditions, *((f"model {name}", one) for name, one in self.solids.items())]
 
-    def snapshot(self) -> dict[str, Vector]:
+    def snapshot(self) -> dict[str, Array]:
         """Return copies of all that residual and derivative depend on beside the case, for `restore`."""
         arrays = {name: np.array(field.vec.FV().NumPy()) for name, field in self._fields_of_state().items()}
         arrays["parameters"] = np.array([p.Get() for p in (self.new_weight, self.step, self.blood_density)])
@@ -344,12 +340,12 @@ class System:
             arrays |= {f"{name}.{key}": array for key, array in part.state_arrays().items()}
         return arrays
 
-    def changed_state(self) -> dict[str, Vector]:
+    def changed_state(self) -> dict[str, Array]:
         """Return of the snapshot what is not as it was at the last call."""
         before, self._last_sent = self._last_sent, self.snapshot()
         return {name: part for name, part in self._last_sent.items() if not np.array_equal(part, before.get(name, ()))}
 
-    def restore(self, snapshot: Mapping[str, Vector]) -> None:
+    def restore(self, snapshot: Mapping[str, Array]) -> None:
         """Take the state, rates and conditions of a snapshot of an equal system."""
         for name, field in self._fields_of_state().items():
             field.vec.FV().NumPy()[:] = snapshot[name]
@@ -365,7 +361,7 @@ class System:
         fields["acceleration_history"] = self.acceleration_history
         return fields if self.relaxation is None else {**fields, "relaxation": self.relaxation}
 
-    def rates(self) -> Vector:
+    def rates(self) -> Array:
         """Rates of all unknowns at the present state."""
         return np.asarray(self.new_weight.Get() * self.values + self.velocity_history.vec.FV().NumPy())
 
@@ -381,7 +377,7 @@ class System:
         values[:] = values[self.unknowns.equations]
         return self._residual
 
-    def apply(self) -> Vector:
+    def apply(self) -> Array:
         """Evaluate the residual of the weak form at the present state, each rank its part, and return it."""
         self.ranks.together(lambda: self.form.Apply(self.state.vec, self._residual))
         values = np.asarray(self._residual.FV().NumPy())

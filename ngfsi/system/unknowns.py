@@ -19,8 +19,8 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Mask, Numbers
 from ngfsi.conditions.condition import Condition
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain
@@ -30,9 +30,6 @@ BLOCKS = ("d", "w", "p", "e")
 NAMES = {"d": "displacement of the solids", "w": "velocity", "p": "blood pressure", "e": "mesh motion",
          "s": "stretch across the plane"}  # fmt: skip
 """What blocks are, for sentences; a condition's own number is called by its name."""
-
-Numbers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from ngfsi_geometry.segment import MeshSettings
 
+from ngfsi.arrays import Array
 from ngfsi.case import Case, Materials
 from ngfsi.errors import SolverError
 from ngfsi.linear import multigrid
@@ -31,7 +32,7 @@ from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.report.tables import markdown_table
 from ngfsi.solve.newton import Newton
 from ngfsi.system.schemes import weights
-from ngfsi.system.system import System, Vector
+from ngfsi.system.system import System
 from ngfsi_studies.compare_tissues import LEVELS, MAIN, case, mesh
 
 TIGHT = 1e-6
@@ -82,7 +83,7 @@ def factorised(system: System, backend: Name) -> Factorisation:
     return made
 
 
-def update(system: System, factorisation: Factorisation) -> Vector:
+def update(system: System, factorisation: Factorisation) -> Array:
     """Return the Newton update at the system's state.
 
     Raises:

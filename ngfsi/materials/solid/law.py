@@ -13,18 +13,16 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import ngsolve as ng
-import numpy as np
 from ngsolve import CoefficientFunction, Cof, InnerProduct, Parameter
-from numpy.typing import NDArray
 from pydantic import Field
 
+from ngfsi.arrays import Array
 from ngfsi.materials.law import Law
 from ngfsi.materials.solid import moduli
 from ngfsi.materials.solid.strain import Invariants, right_cauchy_green
 from ngfsi.units import Density
 
 Pair = tuple[CoefficientFunction, CoefficientFunction]
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -80,11 +78,11 @@ class SolidModel(ABC):
     def accept(self) -> None:  # noqa: B027 - most models remember nothing
         """Take note that the state is accepted: internal variables take their new values as a step begins."""
 
-    def state_arrays(self) -> dict[str, Vector]:
+    def state_arrays(self) -> dict[str, Array]:
         """Return copies of the internal variables, for `restore_state`."""
         return {}
 
-    def restore_state(self, arrays: Mapping[str, Vector]) -> None:  # noqa: B027
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:  # noqa: B027
         """Take what `state_arrays` of an equal model returned."""
 
 
