@@ -24,9 +24,6 @@ from ngfsi.parallel.ranks import SERIAL, all_ranks
 
 Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid", "fieldsplit"]
 
-GetLevels = Callable[[], "Levels"] | None
-GetScale = Callable[[], Array] | None
-
 NESTED_DISSECTION = {"ordering": "metis", "refinement": 0}
 """It keeps the factors small, and Newton itself refines: the platform's defaults cost 20 % more fill and nine times the
 time of a solve."""
@@ -68,7 +65,7 @@ def without_mkl() -> str:
 
 @dataclass(frozen=True)
 class Backend:
-    """A direct solver, as NGSolve knows it, or one with other `factors`.
+    """A linear solver.
 
     Attributes:
         name: for `solver.linear` and for NGSolve.
@@ -77,6 +74,8 @@ class Backend:
         updates: whether a new matrix of the same pattern needs no new analysis.
         flags: for NGSolve.
         distributed: whether several ranks can work on it together.
+        iterates: makes a solver that iterates on the levels of coupled systems, of a matrix, the rows, their scale, in
+            whose measure it judges its error, the levels, and whether the matrix is shared; None: a direct solver.
     """
 
     name: Name
@@ -85,60 +84,32 @@ class Backend:
     updates: bool = False
     flags: Mapping[str, Any] = field(default_factory=dict)
     distributed: bool = False
+    iterates: Callable[[Any, ng.BitArray, Array, Levels, bool], Any] | None = None
 
-    def factors(
-        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, _scale: GetScale = None, *,
-        shared: bool = False,
-    ) -> Any:  # fmt: skip
+    def factors(self, matrix: Any, rows: ng.BitArray, old: Any | None, *, shared: bool = False) -> Any:
         """Return factors of the chosen rows and columns of a matrix, made from the old ones of the same if possible.
 
         Args:
-            _levels: returns those of an iterative solver.
-            _scale: returns that of each unknown, in whose measure an iterative solver judges its error; default: 1.
             shared: the matrix is the sum of those with which all ranks call this.
+
+        Raises:
+            SolverError: this solver has none, it iterates.
         """
-        flags = {**self.flags, **({"shared": True} if shared else {})}
+        if self.iterates:
+            raise SolverError(f"solver.linear = '{self.name}' is for coupled systems: use 'auto' for this one")
         if old is None or not self.updates:
-            return matrix.Inverse(rows, inverse=self.name, **({"flags": flags} if flags else {}))
+            return matrix.Inverse(rows, inverse=self.name, flags={**self.flags, "shared": shared})
         old.Update()
         return old
 
 
-@dataclass(frozen=True)
-class Iterative(Backend):
-    """A solver that iterates on the levels of coupled systems.
-
-    Attributes:
-        make: it of a matrix, the rows, their scale, the levels, and whether the matrix is shared.
-    """
-
-    make: Callable[[Any, ng.BitArray, Any, Levels, bool], Any] = field(kw_only=True)
-
-    def factors(
-        self, matrix: Any, rows: ng.BitArray, old: Any | None, _levels: GetLevels = None, _scale: GetScale = None, *,
-        shared: bool = False,
-    ) -> Any:  # fmt: skip
-        """As of a direct solver.
-
-        Raises:
-            SolverError: the unknowns of this system have no levels.
-        """
-        if _levels is None:
-            raise SolverError(f"solver.linear = '{self.name}' is for coupled systems: use 'auto' for this one")
-        scale = np.ones(matrix.height) if _scale is None else _scale()
-        if old is None:
-            return self.make(matrix, rows, scale, _levels(), shared)
-        old.update(scale)
-        return old
-
-
-def _p_multigrid(matrix: Any, rows: ng.BitArray, scale: Any, levels: Levels, _shared: bool) -> Any:
+def _p_multigrid(matrix: Any, rows: ng.BitArray, scale: Array, levels: Levels, _shared: bool) -> Any:
     from ngfsi.linear.multigrid import PMultigrid  # with SciPy's GMRES, which direct solvers do without
 
     return PMultigrid(matrix, rows, scale, levels, BACKENDS[choose_backend("auto")].factors)
 
 
-def _fieldsplit(matrix: Any, rows: ng.BitArray, scale: Any, levels: Levels, shared: bool) -> Any:
+def _fieldsplit(matrix: Any, rows: ng.BitArray, scale: Array, levels: Levels, shared: bool) -> Any:
     from ngfsi.linear.fieldsplit import FieldSplit
 
     return FieldSplit(matrix, rows, scale, levels, all_ranks() if shared else SERIAL)
@@ -152,10 +123,10 @@ BACKENDS = {
         Backend("pardiso_single", "Pardiso with factors of single precision: less memory for more iterations, to the "
                 "same tolerance", lambda: without_mkl(), updates=True, flags=NESTED_DISSECTION),
         Backend("mumps", "through PETSc, the one for several ranks", without_petsc, updates=True, distributed=True),
-        Iterative("p_multigrid", "GMRES, tissue by two-level p-multigrid, blood and wall by a direct solver: for large "
-                  "tissues, whose factors would not fit", make=_p_multigrid),
-        Iterative("fieldsplit", "the same through PETSc, for several ranks", without_petsc, distributed=True,
-                  make=_fieldsplit),
+        Backend("p_multigrid", "GMRES, tissue by two-level p-multigrid, blood and wall by a direct solver: for large "
+                  "tissues, whose factors would not fit", iterates=_p_multigrid),
+        Backend("fieldsplit", "the same through PETSc, for several ranks", without_petsc, distributed=True,
+                  iterates=_fieldsplit),
     )
 }  # fmt: skip
 """In the order in which 'auto' takes them."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngfsi.arrays import Array, Mask, Numbers
 from ngfsi.errors import SolverError
-from ngfsi.linear.backends import BACKENDS, Iterative, Name
+from ngfsi.linear.backends import BACKENDS, Name
 from ngfsi.linear.levels import Levels
 from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
@@ -37,17 +37,14 @@ class Factorisation:
             scale: returns that of each unknown, in whose measure such a solver judges its error; default: 1.
             ranks: ranks of which each has a partition of the form, and which all call `renew` and `solve`.
         """
-        self.form = form
-        self.backend = backend
-        self.count = 0
+        self.form, self.backend, self.count = form, backend, 0
         self._watch, self._ranks = watch or Stopwatch(), ranks
         self._equations = np.arange(form.space.ndof) if equations is None else equations
         self._solved = ng.BitArray(list(free & np.array(list(form.space.FreeDofs(form.condense)))))
-        self._target: Numbers | None = None
+        self._rows: tuple[Numbers, Numbers] | None = None
         self._inverse: Any = None
-        self._iterates = isinstance(BACKENDS[backend], Iterative)
-        self._levels = levels
-        self._scale = scale
+        self._iterates = BACKENDS[backend].iterates
+        self._levels, self._scale = levels, scale
 
     def renew(self, state: Any) -> None:
         """Linearise at `state` and factorise.
@@ -59,28 +56,32 @@ class Factorisation:
             with self._watch("assembly"):
                 self._ranks.together(lambda: self._assemble(state))
             with self._watch("factorisation"):
-                backend, shared = BACKENDS[self.backend], self._ranks.size > 1
-                self._inverse = backend.factors(
-                    self.form.mat, self._solved, self._inverse, self._levels, self._scale, shared=shared
-                )
+                self._inverse = self._factors(self._inverse, shared=self._ranks.size > 1)
         except Exception as error:  # NGSolve raises its own and generic exceptions for singular element matrices
             if self._ranks.size > 1 and not isinstance(error, SolverError):
                 raise  # what the other ranks do not know of cannot be gone on from
             raise SolverError(f"the linearised system could not be factorised: {error}") from error
         self.count += 1
 
+    def _factors(self, old: Any, *, shared: bool) -> Any:
+        matrix = self.form.mat
+        if self._iterates is None or self._levels is None:
+            return BACKENDS[self.backend].factors(matrix, self._solved, old, shared=shared)
+        scale = np.ones(matrix.height) if self._scale is None else self._scale()
+        if old is None:
+            return self._iterates(matrix, self._solved, scale, self._levels(), shared)
+        old.update(scale)
+        return old
+
     def _assemble(self, state: Any) -> None:
+        """Linearise, and put each equation into the row of its unknown."""
         self.form.AssembleLinearization(state)
-        self._take_rows()
-
-    def _take_rows(self) -> None:
-        """Put each equation into the row of its unknown."""
-        if self._target is None:
-            self._target, self._source = self._entries()
+        self._rows = self._rows or self._moved_rows()
+        target, source = self._rows
         values = self.form.mat.AsVector().FV().NumPy()
-        values[self._target] = values[self._source]
+        values[target] = values[source]
 
-    def _entries(self) -> tuple[Numbers, Numbers]:
+    def _moved_rows(self) -> tuple[Numbers, Numbers]:
         """Return where the entries of the rows that move are to be, and where they are."""
         columns, starts = pattern(self.form.mat)
         moved = np.flatnonzero(self._equations != np.arange(len(self._equations)))
@@ -103,25 +104,22 @@ class Factorisation:
             SolverError: an iterative solver does not converge.
         """
         with self._watch("solves"):
-            self._solve(residual, update)
+            if not self.form.condense:
+                self._invert(residual, update)
+                return
+            values = residual.FV().NumPy()
+            raw = residual.CreateVector()
+            raw.FV().NumPy()[self._equations] = values
+            raw.data += self._of_all(self.form.harmonic_extension_trans * raw)
+            values[:] = raw.FV().NumPy()[self._equations]
+            self._invert(residual, update)
+            update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
 
     def _invert(self, right: Any, result: Any) -> None:
         if self._iterates:
             result.FV().NumPy()[:] = self._inverse.solve(right)
         else:
             result.data = self._inverse * right
-
-    def _solve(self, residual: Any, update: Any) -> None:
-        if not self.form.condense:
-            self._invert(residual, update)
-            return
-        values = residual.FV().NumPy()
-        raw = residual.CreateVector()
-        raw.FV().NumPy()[self._equations] = values
-        raw.data += self._of_all(self.form.harmonic_extension_trans * raw)
-        values[:] = raw.FV().NumPy()[self._equations]
-        self._invert(residual, update)
-        update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
 
     def _of_all(self, product: Any) -> Any:
         """Return the sum over all ranks of a product with an operator of their elements."""
