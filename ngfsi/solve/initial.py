@@ -78,51 +78,45 @@ def steady_flow(system: System, backend: Name) -> Newton:
 def in_load_steps(system: System, newton: Newton) -> None:
     """Creeping flow under growing fractions of the loads of t = 0; inertia is left out, so the flow is linear.
 
-    Raises:
-        SolverError: says which fraction of the loads was reached, whose state is left.
-
     A pressure residual that is small against the load but large against viscous stresses would otherwise drive the
     flow of a Newton iterate to absurd Reynolds numbers.
+
+    Raises:
+        SolverError: says which fraction of the loads was reached, whose state is left.
     """
     density = system.blood_density.Get()
     system.blood_density.Set(0.0)
-    load_factor, step = 0.0, 1.0
-    while load_factor < 1.0:
-        trial = min(1.0, load_factor + step)
-        _set_loads(system, trial)
-        try:
-            newton.solve(max(START_TOLERANCE, system.case.solver.tolerance), NEWTON_STEPS)
-        except SolverError as error:
-            step /= 2
-            if step < FINEST_LOAD_STEP:
-                raise SolverError(
-                    f"the initial state was found only up to {load_factor:.0%} of the loads at t = 0: {error}"
-                ) from None
-        else:
-            load_factor = trial
+
+    def load(fraction: float) -> None:
+        system.update(0.0, fraction)
+        system.prescribe()
+
+    _by_fractions(newton, max(START_TOLERANCE, system.case.solver.tolerance), load,
+                  "the initial state was found only up to {:.0%} of the loads at t = 0")  # fmt: skip
     system.blood_density.Set(density)
-
-
-def _set_loads(system: System, load_factor: float) -> None:
-    system.update(0.0, load_factor)
-    system.prescribe()
 
 
 def _with_inertia(system: System, newton: Newton) -> None:
     """Steady flow with inertia, in growing fractions of the density if it cannot be had at once."""
     density = system.blood_density.Get()
-    fraction, step = 0.0, 1.0
-    while fraction < 1.0:
-        trial = min(1.0, fraction + step)
-        system.blood_density.Set(trial * density)
+    _by_fractions(newton, system.case.solver.tolerance, lambda part: system.blood_density.Set(part * density),
+                  "no steady flow was found at t = 0")  # fmt: skip
+
+
+def _by_fractions(newton: Newton, tolerance: float, apply: Callable[[float], None], failed: str) -> None:
+    """Solve with the whole of something, in as few fractions as it takes; `failed` says which was reached if any."""
+    reached, step = 0.0, 1.0
+    while reached < 1.0:
+        trial = min(1.0, reached + step)
+        apply(trial)
         try:
-            newton.solve(system.case.solver.tolerance, NEWTON_STEPS)
+            newton.solve(tolerance, NEWTON_STEPS)
         except SolverError as error:
             step /= 2
             if step < FINEST_LOAD_STEP:
-                raise SolverError(f"no steady flow was found at t = 0: {error}") from None
+                raise SolverError(f"{failed.format(reached)}: {error}") from None
         else:
-            fraction = trial
+            reached = trial
 
 
 def _relax(system: System, backend: Name) -> int:

@@ -7,7 +7,7 @@ as long as it does now, the tangent 10 % less, for half a minute of compiling.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Self
+from typing import Any
 
 import ngsolve as ng
 import numpy as np
@@ -72,11 +72,6 @@ class WithInertia:
         values, acceleration = residual.FV().NumPy(), self._acceleration(state.FV().NumPy())
         for part in self._parts:
             values[part] += self._mass @ acceleration[part]
-
-    def __iadd__(self, more: Any) -> Self:
-        """Add integrals to the form."""
-        self._form += more
-        return self
 
 
 class WithoutRows:

@@ -83,15 +83,17 @@ class System:
             raise CaseError(f"two conditions have the same name, there are {', '.join(c.name for c in acting)}")
         self.unknowns = Unknowns.build(domain, case.discretisation.order, acting, case.conditions.plane_stress)
         space = self.unknowns.space
-        self.state = GridFunction(space)
-        self.velocity_history = GridFunction(space)
-        self.acceleration_history = GridFunction(space)
+        self._trial, self._test = map(self.unknowns.named, space.TnT())
+        self.state, self.velocity_history, self.acceleration_history = (GridFunction(space) for _ in range(3))
         self.new_weight, self.step = Parameter(0.0), Parameter(np.inf)
         self.blood_density = Parameter(self.blood.density if domain.lumens else 0.0)
+        self._parameters = self.new_weight, self.step, self.blood_density
         self.motion = self.state.components[0]
         self.relaxation: GridFunction | None = None
+        self._stored = {"state": self.state, "velocity_history": self.velocity_history,
+                        "acceleration_history": self.acceleration_history}  # fmt: skip
         if case.conditions.initial_state == "prestress":
-            self.relaxation = GridFunction(space.components[0])
+            self.relaxation = self._stored["relaxation"] = GridFunction(space.components[0])
         self._small = case.conditions.strain == "small"
         self.solids = {name: self._model(name) for name in domain.geometry.solids}
         self._volume = domain.volume(*domain.lumens) if domain.lumens else 0.0
@@ -99,16 +101,14 @@ class System:
         setup = self._setup(references)
         for condition in acting:
             condition.attach(setup)
-        self._prescribing = [c for c in acting if type(c).prescribe is not Condition.prescribe]
         self.form, self.tangent = self._forms(space)
         self._residual = self.state.vec.CreateVector()
         self._last_sent: dict[str, Array] = {}
 
     def _setup(self, references: Mapping[str, Any]) -> Setup:
-        trial, test = map(self.unknowns.named, self.unknowns.space.TnT())
         laws = (self.case.materials.law_of(name) for name in self.domain.geometry.solids)
         return Setup(
-            domain=self.domain, unknowns=self.unknowns, order=self.unknowns.order, trial=trial, test=test,
+            domain=self.domain, unknowns=self.unknowns, order=self.unknowns.order, trial=self._trial, test=self._test,
             state=self.named(self.state), velocity_history=self.named(self.velocity_history), fields=self.fields,
             new_weight=self.new_weight, step=self.step, blood_density=self.blood_density, references=references,
             fluid=self.case.materials.fluid, densities={name: one.density for name, one in self.solids.items()},
@@ -117,7 +117,6 @@ class System:
         )  # fmt: skip
 
     def _model(self, region: str) -> SolidModel:
-        """Return the model of a solid."""
         law = self.case.materials.law_of(region)
         if self._small:
             return SmallStrain(law)
@@ -143,10 +142,9 @@ class System:
         """
         integrals = self.integrals()
         residual: Any = residual_form(space, integrals)
-        trial, test = space.TnT()
         velocity, rest = (field.components[0] for field in (self.velocity_history, self.acceleration_history))
-        acceleration = second_rate(self.new_weight, trial[0], velocity, rest)
-        linear = [*integrals, *self.inertia_integrals(acceleration, test[0])]
+        acceleration = second_rate(self.new_weight, self._trial[MOTION], velocity, rest)
+        linear = [*integrals, *self.inertia_integrals(acceleration, self._test[MOTION])]
         one_way = any(condition.excludes_blood() for condition in self.conditions.values())
         # interior unknowns appear from order 3 on
         tangent: Any = tangent_form(space, linear, condense=self.unknowns.order >= 3 and not one_way)
@@ -198,9 +196,16 @@ class System:
 
     def integrals(self) -> list[Integral]:
         """Return the integrals of the weak form but the solids' inertia, on this rank's elements."""
-        elements = self._elements
+        trial, test, elements = self._trial, self._test, self._elements
+        F, relaxation = Kinematics(ng.Grad(trial[MOTION])).F, self.stress_free_gradient()
+        found = []
+        for name in self.solids:
+            # the stretch across the plane and its variation
+            stressed = name in self.case.conditions.plane_stress
+            across = (1 + trial[STRETCH], test[STRETCH]) if stressed else (1, 0)
+            found += self.work_integrals(name, F, ng.Grad(test[MOTION]), relaxation, across, elements)
         acting = [i for condition in self.conditions.values() for i in condition.integrals(elements)]
-        return [*self.solid_integrals(), *acting, *self._blood_inside(elements)]
+        return [*found, *acting, *self._blood_inside(elements)]
 
     def _rules(self, order: int) -> dict[Any, ng.IntegrationRule]:
         return rules(order + self.case.discretisation.extra_integration_order)
@@ -236,25 +241,11 @@ class System:
         rest, bulk = terms.internal_works(model, F, grad_v, relaxation, across)
         return [Integral([rest], measure), Integral([bulk], dx(intrules=reduced_rules(order)))]
 
-    def solid_integrals(self) -> list[Integral]:
-        """Return the integrals of the solids' stresses, on this rank's elements."""
-        trial, test = map(self.unknowns.named, self.unknowns.space.TnT())
-        F, relaxation = Kinematics(ng.Grad(trial[MOTION])).F, self.stress_free_gradient()
-        found = []
-        for name in self.solids:
-            # the stretch across the plane and its variation
-            stressed = name in self.case.conditions.plane_stress
-            across = (1 + trial[STRETCH], test[STRETCH]) if stressed else (1, 0)
-            found += self.work_integrals(name, F, ng.Grad(test[MOTION]), relaxation, across, self._elements)
-        return found
-
     def inertia_integrals(self, acceleration: Any, v: Any) -> list[Integral]:
         """Return the integrals of the solids' inertia, for one component or all of an acceleration."""
-        points = self._rules(2 * self.unknowns.order)
-        measure = partial(self.domain.dx, definedonelements=self._elements, intrules=points)
-        return [
-            Integral([terms.inertia(model.density, acceleration, v)], measure(n)) for n, model in self.solids.items()
-        ]
+        more = {"definedonelements": self._elements, "intrules": self._rules(2 * self.unknowns.order)}
+        return [Integral([terms.inertia(model.density, acceleration, v)], self.domain.dx(name, **more))
+                for name, model in self.solids.items()]  # fmt: skip
 
     def static_integrals(self, m: Any, v: Any) -> list[Integral]:
         """Return the integrals of the solids at rest under what acts now, the blood's pressure held as it is.
@@ -274,15 +265,14 @@ class System:
     def _blood_inside(self, elements: ng.BitArray | None) -> list[Integral]:
         if not self.domain.lumens:
             return []
-        trial, test = map(self.unknowns.named, self.unknowns.space.TnT())
-        f = self.fields(trial)
+        f = self.fields(self._trial)
         k = Kinematics(f.grad_motion)
         # which unknown's equation that makes: see Unknowns.equations
-        v, v_mesh = test[MOTION], test[VELOCITY]
+        v, v_mesh = self._test[MOTION], self._test[VELOCITY]
         inside = [
             terms.convective_inertia(self.blood_density, k, f.acceleration, f.grad_velocity, f.relative, v),
             terms.fluid_stress_work(self.blood, k, f.grad_velocity, f.pressure, ng.Grad(v)),
-            terms.incompressibility(k, f.grad_velocity, test[PRESSURE]),
+            terms.incompressibility(k, f.grad_velocity, self._test[PRESSURE]),
         ]
         stiffness = self.case.discretisation.extension_stiffness
         if self.case.discretisation.mesh_motion == "harmonic":
@@ -302,7 +292,7 @@ class System:
 
     def prescribe(self) -> None:
         """Write the values of prescribed unknowns, which may depend on the present shape."""
-        for condition in self._prescribing:
+        for condition in self.conditions.values():
             condition.prescribe(self.values)
 
     def update(self, t: float, load_factor: float = 1.0) -> None:
@@ -334,8 +324,8 @@ class System:
 
     def snapshot(self) -> dict[str, Array]:
         """Return copies of all that residual and derivative depend on beside the case, for `restore`."""
-        arrays = {name: np.array(field.vec.FV().NumPy()) for name, field in self._fields_of_state().items()}
-        arrays["parameters"] = np.array([p.Get() for p in (self.new_weight, self.step, self.blood_density)])
+        arrays = {name: np.array(field.vec.FV().NumPy()) for name, field in self._stored.items()}
+        arrays["parameters"] = np.array([parameter.Get() for parameter in self._parameters])
         for name, part in self._with_memory():
             arrays |= {f"{name}.{key}": array for key, array in part.state_arrays().items()}
         return arrays
@@ -347,19 +337,13 @@ class System:
 
     def restore(self, snapshot: Mapping[str, Array]) -> None:
         """Take the state, rates and conditions of a snapshot of an equal system."""
-        for name, field in self._fields_of_state().items():
+        for name, field in self._stored.items():
             field.vec.FV().NumPy()[:] = snapshot[name]
-        for parameter, value in zip((self.new_weight, self.step, self.blood_density), snapshot["parameters"],
-                                    strict=True):  # fmt: skip
+        for parameter, value in zip(self._parameters, snapshot["parameters"], strict=True):
             parameter.Set(float(value))
         for name, part in self._with_memory():
             part.restore_state({key.removeprefix(f"{name}."): array for key, array in snapshot.items()
                                 if key.startswith(f"{name}.")})  # fmt: skip
-
-    def _fields_of_state(self) -> dict[str, GridFunction]:
-        fields = {"state": self.state, "velocity_history": self.velocity_history}
-        fields["acceleration_history"] = self.acceleration_history
-        return fields if self.relaxation is None else {**fields, "relaxation": self.relaxation}
 
     def rates(self) -> Array:
         """Rates of all unknowns at the present state."""
