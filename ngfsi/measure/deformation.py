@@ -5,21 +5,14 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 
-from ngfsi.arrays import Array
 from ngfsi.measure.ellipticity import Ellipticity, extreme
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics, in_3d
 from ngfsi.system.system import System
 from ngfsi.units import from_si
 
-SHOWN = "mm"
-
 CLOSE = 0.2
 """det F below which elements are said to be close to inversion."""
-
-
-def _in_mm(place: Array) -> str:
-    return f"({', '.join(f'{from_si(float(x), SHOWN):.3g}' for x in place)}) {SHOWN}"
 
 
 class Deformation:
@@ -45,6 +38,11 @@ class Deformation:
     def smallest_jacobian(self, region: str) -> float:
         """Return the smallest det F of a region."""
         return self._smallest(region)[0]
+
+    def min_jacobian(self, region: str) -> tuple[float, str]:
+        """Return the smallest det F of a region and the deformed place where it is, in words."""
+        smallest, number = self._smallest(region)
+        return smallest, self._deformed_place(region, number)
 
     def _smallest(self, region: str) -> tuple[float, int]:
         """Return the smallest det F of a region and the number of the point where it is, computed once per state."""
@@ -72,17 +70,16 @@ class Deformation:
 
     def approaching(self) -> list[str]:
         """Return warnings of regions that came close to inversion, or lost strong ellipticity, since the last call."""
-        warnings = {
-            f"inversion of {name}": f"elements of '{name}' near {place} are close to inversion, det F {J:.3g}"
-            for name in self._points
-            if self.smallest_jacobian(name) < CLOSE
-            for J, place in (self.min_jacobian(name),)
-        }
+        warnings = {}
+        for name in self._points:
+            if self.smallest_jacobian(name) < CLOSE:
+                J, place = self.min_jacobian(name)
+                text = f"elements of '{name}' near {place} are close to inversion, det F {J:.3g}"
+                warnings[f"inversion of {name}"] = text
         for name in self._solids:
             if name not in self._resistance:
-                warnings[f"ellipticity of {name}"] = (
-                    f"strong ellipticity of '{name}' is not checked: that is done for isotropic laws alone"
-                )
+                text = f"strong ellipticity of '{name}' is not checked: that is done for isotropic laws alone"
+                warnings[f"ellipticity of {name}"] = text
             if f"stability of {name}" not in self._warned and (unstable := self.unstable(name)):
                 warnings[f"stability of {name}"] = f"{unstable}: what is computed from here on depends on the mesh"
         new = [sentence for what, sentence in warnings.items() if what not in self._warned]
@@ -90,26 +87,20 @@ class Deformation:
         return new
 
     def unstable(self, region: str) -> str:
-        """Say where the material of a solid has lost strong ellipticity, or nothing."""
+        """Say where the material of a solid has lost strong ellipticity (see `Ellipticity`), or nothing."""
         if region not in self._resistance:
             return ""
-        smallest, place = self.min_ellipticity(region)
-        if smallest > 0:
+        F = np.asarray(self._strain(self._points[region])).reshape(-1, 3, 3)
+        stretches = np.sqrt(np.maximum(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F), 0.0))
+        chosen = extreme(stretches)
+        resistances = self._resistance[region].smallest(stretches[chosen])
+        if np.min(resistances) > 0:
             return ""
+        place = self._deformed_place(region, int(chosen[np.argmin(resistances)]))
         return (
             f"the material of '{region}' near {place} has lost strong ellipticity: "
             f"{self._laws[region].law} does not resist shear bands there any more"
         )
-
-    def min_ellipticity(self, region: str) -> tuple[float, str]:
-        """Return the smallest resistance of a solid's material to shear bands (see `Ellipticity`), and the place."""
-        points = self._points[region]
-        F = np.asarray(self._strain(points)).reshape(-1, 3, 3)
-        stretches = np.sqrt(np.maximum(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F), 0.0))
-        chosen = extreme(stretches)
-        resistances = self._resistance[region].smallest(stretches[chosen])
-        number = int(chosen[np.argmin(resistances)])
-        return float(np.min(resistances)), self._deformed_place(region, number)
 
     def diagnose_failure(self, begun: bool) -> str:
         """Say what in the last good state may be the end of a run, and where: to be added to a sentence.
@@ -130,11 +121,8 @@ class Deformation:
             return f"{sentence}: no element is close to inversion, {what} may have lost its stability"
         return f"{sentence}: no step was taken, the loads of the first one may be too large or jump"
 
-    def min_jacobian(self, region: str) -> tuple[float, str]:
-        """Return the smallest det F of a region and the deformed place where it is, in words."""
-        smallest, number = self._smallest(region)
-        return smallest, self._deformed_place(region, number)
-
     def _deformed_place(self, region: str, number: int) -> str:
         points = self._points[region]
-        return _in_mm(np.asarray(self._place(points)).reshape(len(points), -1)[number])
+        place = np.asarray(self._place(points)).reshape(len(points), -1)[number]
+        place_mm = [from_si(float(x), "mm") for x in place]
+        return f"({', '.join(f'{x:.3g}' for x in place_mm)}) mm"

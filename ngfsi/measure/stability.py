@@ -15,7 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import ngsolve as ng
 import numpy as np
@@ -65,8 +66,7 @@ class Stage:
         }
 
 
-@dataclass(frozen=True)
-class Before:
+class Before(NamedTuple):
     """An earlier stage: snapshot of the system, entries of the tangent, pressure (Pa), smallest eigenvalue (1/s2)."""
 
     point: dict[str, Array]
@@ -91,13 +91,7 @@ class Stability:
         # eigenvalues need factors of double precision
         chosen = choose_backend(system.case.solver.linear)
         self._backend = BACKENDS["pardiso" if chosen == "pardiso_single" else chosen]
-        trial, test = space.TnT()
-        self._form = tangent_form(space, system.static_integrals(trial, test))
-        self._inertia = {
-            name: tangent_form(space, [part])
-            for name, part in zip(system.solids, system.inertia_integrals(trial, test), strict=True)
-        }
-        self._masses: dict[str, Any] = {}
+        self._form = tangent_form(space, system.static_integrals(*space.TnT()))
         self.eigenvalues = np.zeros(0)
         self.mode = ng.GridFunction(space)
         self._before: Before | None = None
@@ -106,15 +100,13 @@ class Stability:
         """Return as plain arrays what the next stage depends on, for `restore`."""
         if self._before is None:
             return {}
-        return self._before.point | {"stage": np.array([self._before.pressure, self._before.eigenvalue])}
+        return self._before.point | {"stage": np.array(self._before[2:])}
 
     def restore(self, arrays: Mapping[str, Array]) -> None:
         """Go on as that which returned `arrays`; the system is left in the state of the last stage."""
-        if not arrays:
-            return
-        self._system.restore(arrays)
-        pressure, eigenvalue = map(float, arrays["stage"])
-        self._before = Before(self._system.snapshot(), self._tangent(), pressure, eigenvalue)
+        if arrays:
+            self._system.restore(arrays)
+            self._before = Before(self._system.snapshot(), self._tangent(), *map(float, arrays["stage"]))
 
     def refresh(self) -> Stage:
         """Return the stage of the system's present state.
@@ -122,7 +114,7 @@ class Stability:
         Raises:
             SolverError: a solid has no mass, or the eigenvalues were not found.
         """
-        masses, pressure, entries = self._mass_matrices(), self._pressure(), self._tangent()
+        masses, pressure, entries = self._masses, self._pressure(), self._tangent()
         mass, now, solve = sum(masses.values()), self._restricted(self._form), self._inverse(entries)
         try:
             values, vectors = _eigen(now, NEAREST, M=mass, sigma=0.0, OPinv=solve)
@@ -167,26 +159,22 @@ class Stability:
         entries[:] = (entries + csr(self._form.mat).T.tocsr().data) / 2
         return np.array(entries)
 
-    def _mass_matrices(self) -> dict[str, Any]:
-        """Return the mass matrix of each solid on the free unknowns.
-
-        Raises:
-            SolverError: there is a solid without mass.
-        """
-        if not self._masses:
-            for name, law in self._system.solids.items():
-                if law.density <= 0:
-                    raise SolverError(f"the stability of solids needs their density, which '{name}' has not")
-                self._inertia[name].Assemble()
-                self._masses[name] = self._restricted(self._inertia[name])
-        return self._masses
+    @cached_property
+    def _masses(self) -> dict[str, Any]:
+        """Mass matrix of each solid on the free unknowns."""
+        system, space, found = self._system, self.mode.space, {}
+        for name, part in zip(system.solids, system.inertia_integrals(*space.TnT()), strict=True):
+            if system.solids[name].density <= 0:
+                raise SolverError(f"the stability of solids needs their density, which '{name}' has not")
+            form = tangent_form(space, [part])
+            form.Assemble()
+            found[name] = self._restricted(form)
+        return found
 
     def _restricted(self, form: ng.BilinearForm, entries: Array | None = None) -> Any:
-        """Return a form's matrix, or one of the same pattern, on the free unknowns."""
         return csr(form.mat, entries)[self._free][:, self._free]
 
     def _inverse(self, entries: Array) -> LinearOperator:
-        """Return the inverse of a tangent on the free unknowns."""
         matrix = self._form.mat
         matrix.AsVector().FV().NumPy()[:] = entries
         try:
