@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import cos, hypot, sin, sqrt
+from math import cos, hypot, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
 from netgen.geom2d import SplineGeometry
 from numpy.typing import NDArray
-from scipy.special import ellipe
 
 Points = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -52,6 +51,10 @@ class Ellipse:
     @property
     def length(self) -> float:
         """Length of the curve [m]."""
+        if self.ratio == 1:
+            return 2 * pi * self.radius
+        from scipy.special import ellipe  # takes long to load, which round veins need not wait for
+
         return 4 * self.semi_axes[0] * float(ellipe(1 - 1 / self.ratio**2))
 
     def wider(self, name: str, distance: float) -> Ellipse:

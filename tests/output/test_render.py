@@ -42,8 +42,8 @@ def test_pictures(stored: StoredRun, tmp_path: Path) -> None:
 def test_a_child_that_fails(
     stored: StoredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: tuple[int, str, str], sentence: str
 ) -> None:
-    def run(command: list[str], **_: Any) -> Any:
-        return subprocess.CompletedProcess(command, *end)
+    def run(args: list[str], **_: Any) -> Any:
+        return subprocess.CompletedProcess(args, *end)
 
     monkeypatch.setattr(render.subprocess, "run", run)
     old = tmp_path / "old.png"

@@ -34,7 +34,7 @@ from tests.settings.table import Outcome, entry
 from tests.vein import BLOOD, BONED, TISSUE, TUBE, case_of, domain_of, position, rows, set_motion, steady, system_of
 
 
-@entry("Constant.kind", "Ramp.kind", "SmoothRamp.kind", "Table.kind", "Harmonics.kind", "Waveform.kind", rel=1e-3)
+@entry("Curve.kind", rel=1e-3)
 def _kinds_of_curves() -> Outcome:
     """At a quarter of what each lasts."""
     even = tuple(np.linspace(0, 1, 17).tolist())
@@ -61,7 +61,7 @@ def _rise() -> Outcome:
     return [ramp(t) for t in (0.4, 0.5, 1.0, 2.5, 3.0)], [2.0, 2.0, 4.0, 10.0, 10.0]
 
 
-@entry("Table.times", "Table.values")
+@entry("Sampled.times")
 def _table() -> Outcome:
     table = curves.PressureTable(times=(0.5, 1.0, 3.0), values=(1.0, 4.0, -2.0))
     return [table(t) for t in (0.0, 0.6, 2.0, 4.0)], [1.0, 1.6, 1.0, -2.0]
@@ -74,7 +74,7 @@ def _harmonics() -> Outcome:
     return [curve(t) for t in (0.1, 0.9, 5.0)], exact
 
 
-@entry("Waveform.times", "Waveform.values", rel=2e-5)
+@entry("Sampled.values", rel=2e-5)
 def _waveform() -> Outcome:
     """A sine that begins at its steepest: a spline with free ends would be 1e-2 off near them."""
     times = np.linspace(0, 0.8, 17)

@@ -8,9 +8,20 @@ from typing import Any, get_args
 
 from ngfsi import registry
 from ngfsi.case import Case
+from ngfsi.config.functions import (
+    Curve,
+    PressureConstant,
+    PressureHarmonics,
+    PressureRamp,
+    PressureSmoothRamp,
+    PressureTable,
+    PressureWaveform,
+)
 from ngfsi.config.model import ConfigModel
 
 GROUPS = ("ngfsi.geometries", "ngfsi.solid_laws", "ngfsi.fluid_laws", "ngfsi.openings", "ngfsi.conditions")
+
+CURVES = (PressureConstant, PressureRamp, PressureSmoothRamp, PressureTable, PressureHarmonics, PressureWaveform)
 
 Outcome = tuple[Any, Any]
 """What a key does, and what it should do."""
@@ -37,6 +48,10 @@ def models_in(annotation: Any) -> Iterator[type[ConfigModel]]:
         yield from models_in(part)
 
 
+def _is_table_of_keys(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, ConfigModel) and not issubclass(annotation, Curve)
+
+
 def all_keys() -> set[str]:
     """Return `Class.key` of every key that a case file may have, by the class that introduces it.
 
@@ -51,12 +66,14 @@ def all_keys() -> set[str]:
         done.add(model)
         for name, field in model.model_fields.items():
             owner = next(base for base in reversed(model.__mro__) if name in get_annotations(base))
-            if not (isinstance(field.annotation, type) and issubclass(field.annotation, ConfigModel)):
+            if not _is_table_of_keys(field.annotation):
                 found.add(f"{owner.__name__.split('[')[0]}.{name}")
             for inner in models_in(field.annotation):
                 walk(inner)
 
     walk(Case)
+    for curve in CURVES:
+        walk(curve)
     for group in GROUPS:
         for model in registry.everything(group, "model").values():
             walk(model)
