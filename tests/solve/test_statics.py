@@ -23,6 +23,7 @@ from ngfsi.physics.fields import STRETCH
 from ngfsi.run.observers import volume_fields
 from ngfsi.solve.statics import equilibrium, section_case
 from ngfsi.store.fields import STRESS
+from ngfsi.system.system import System
 from tests.runs import computed
 from tests.vein import domain_of
 
@@ -101,6 +102,25 @@ def test_ring_around_a_bone(plane_stress: tuple[str, ...]) -> None:
     stress = volume_fields(system)[STRESS](system.domain.mesh(12e-3, 5e-3))
     assert stress[0] + stress[4] == pytest.approx(in_plane, rel=2e-3)
     assert stress[8] == pytest.approx(across, rel=2e-3, abs=1e-3 * p)
+
+
+def test_means_over_a_shape_that_is_stretched_unevenly() -> None:
+    """m_x = k (x^2 / 2 + r x): over the deformed outline of the hole and the deformed region, by closed forms."""
+    widening = 60.0
+    case = case_of("tibia")
+    system = System(case, domain_of(case.geometry))
+    system.motion.Set(widening * ng.CF((ng.x**2 / 2 + INNER * ng.x, 0)))
+    angle = 2 * np.pi * np.arange(400) / 400
+    J = 1 + widening * INNER * (np.cos(angle) + 1)  # F = diag(J, 1, 1)
+    size = np.hypot(np.cos(angle), J * np.sin(angle))
+    pressure = -(LAW.shear_modulus * (J**2 - 1) + 3 * LAW.lame * np.log(J)) / (3 * J)
+    exact = np.average(pressure, weights=size)
+    assert abs(pressure.mean() / exact - 1) > 0.02
+    probe = PlaneSectionProbe(system)
+    assert probe.pressure_over("tibia", "tissue") == pytest.approx(exact, rel=1e-4)
+    area = case.geometry.exact_volumes()["tissue"] * (1 + widening * INNER)
+    assert probe.region_area("tissue") == pytest.approx(area, rel=1e-5)
+    assert probe.enclosed_area("skin") == pytest.approx(np.pi * OUTER**2 * (1 + widening * INNER), rel=1e-5)
 
 
 def test_pressure_in_a_lumen_widens_it() -> None:
