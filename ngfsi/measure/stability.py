@@ -140,6 +140,8 @@ class Stability:
         assert self._before is not None
         before, start = self._restricted(self._form, self._before.entries), pressure
         change, base = now - before, now
+        if not np.any(change.data):
+            return None
         if solve is None:
             base, start, solve = before, self._before.pressure, self._inverse(self._before.entries)
         # base + s change is singular where change x = -1/s base x

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import ngsolve as ng
@@ -11,15 +12,16 @@ from ngfsi_geometry.segment import MeshSettings
 from ngfsi_geometry.tube import BareTube, TubeSegment
 from ngfsi_studies.verification.ring_buckling import REFERENCES
 
-from ngfsi.case import Case, Discretisation, Loads, Materials, TimeStepping
+from ngfsi.case import Case, Cuff, Discretisation, Loads, Materials, TimeStepping
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.measure.shape import Shape
 from ngfsi.measure.stability import Stability, Stage
+from ngfsi.physics.fields import PRESSURE
 from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System
-from tests.vein import BLOOD, BONED, case_of, position, sections_of, set_motion, system_of, value_of
+from tests.vein import BLOOD, BONED, WALL, case_of, position, sections_of, set_motion, system_of, value_of
 
 LEVY = REFERENCES[0].value
 RADIUS, THICKNESS = 10e-3, 0.5e-3
@@ -103,6 +105,101 @@ def test_continued_stages_are_the_same() -> None:
     assert found == expected
     assert np.isfinite(expected.critical)
     assert wrong.critical != pytest.approx(expected.critical, rel=1e-3)
+
+
+CUFFS = {"in cuff 1": 0.6, "in cuff 2": 0.2, "on the skin": 0.4}
+"""Shares of the load."""
+
+
+def in_cuffs() -> Callable[[float], System]:
+    """Return a vein in two cuffs, still in its reference shape, and what lets a load (Pa) act on it.
+
+    Without stresses its tangent is linear in the pressures: what is found on a chord is exact.
+    """
+    nothing = PressureConstant(value=0.0)
+    cuffs = (Cuff(pressure=nothing, start=-1.0, end=5e-3), Cuff(pressure=nothing, start=5e-3, end=1.0))
+    system = system_of(case_of(BONED, **{"loads.cuffs": cuffs}))
+
+    def load(pressure: float) -> System:
+        for name, share in CUFFS.items():
+            value_of(system, name).Set(share * pressure)
+        return system
+
+    return load
+
+
+def test_cuffs_that_press_unevenly() -> None:
+    """The pressure is that under the strongest, and at the critical one the smallest eigenvalue passes zero."""
+    load = in_cuffs()
+    stability = Stability(load(0.0))
+    stability.refresh()
+    load(1000.0)
+    stage = stability.refresh()
+    assert stage.pressure == pytest.approx(1000.0, rel=1e-12)
+    below, beyond = (Stability(load(factor * stage.critical)).refresh().eigenvalue for factor in (0.999, 1.001))
+    assert below == pytest.approx(-beyond, rel=1e-2)
+    assert below > 0
+
+
+def test_beyond_the_loss_of_stability() -> None:
+    """A stage after a stable one tells where it is lost, also if it is unstable itself; one after an unstable one tells
+    nothing, stable or not; nor does one at the same pressure."""
+    load = in_cuffs()
+    stability = Stability(load(0.0))
+    stages = [stability.refresh()]
+    for pressure in (1e4, 3e4, 4e4, 1e4, 2e4, 2e4):
+        load(pressure)
+        stages.append(stability.refresh())
+    assert [stage.eigenvalue > 0 for stage in stages] == [True, True, False, False, True, True, True]
+    exact = stages[1].critical
+    assert 2e4 < exact < 3e4
+    wanted = [np.nan, exact, exact, np.nan, np.nan, exact, np.nan]
+    assert [stage.critical for stage in stages] == pytest.approx(wanted, rel=1e-8, nan_ok=True)
+
+
+def test_share_of_the_wall_in_the_mode() -> None:
+    """Its kinetic energy there over that of all."""
+    load = in_cuffs()
+    system = load(1000.0)
+    stability = Stability(system)
+    stage = stability.refresh()
+    energies = {
+        name: ng.Integrate(
+            model.density * ng.InnerProduct(stability.mode, stability.mode) * system.domain.dx(name), system.domain.mesh
+        )
+        for name, model in system.solids.items()
+    }
+    assert stage.wall_share == pytest.approx(energies["wall"] / sum(energies.values()), rel=1e-6)
+
+
+def test_the_blood_presses_with_all_of_its_pressure() -> None:
+    """What it has beyond the reference counts as much; with one-way coupling it is not on the wall."""
+
+    def eigenvalue(reference: float, beyond: float, **changes: Any) -> float:
+        system = system_of(case_of(BONED, **changes))
+        system.reference().Set(reference)
+        system.named(system.state)[PRESSURE].Set(beyond)
+        return Stability(system).refresh().eigenvalue
+
+    one, both, one_way = (
+        eigenvalue(2e3, 0.0), eigenvalue(1e3, 1e3), eigenvalue(2e3, 1e3, **{"conditions.coupling": "one_way"})
+    )  # fmt: skip
+    assert both == pytest.approx(one, rel=1e-6)
+    assert one_way == pytest.approx(one, rel=1e-6)
+    assert eigenvalue(1e3, 0.0) != pytest.approx(one, rel=1e-3)
+
+
+def test_nothing_softens() -> None:
+    """What is stretched evenly stiffens, and pressure on a cuff that meets no skin changes nothing."""
+    beside = Cuff(pressure=PressureConstant(value=0.0), start=0.5, end=1.0)
+    system = system_of(case_of(BONED, **{"loads.cuffs": (beside,), "materials.tissue": WALL}))
+    stability = Stability(system)
+    critical = []
+    for pressure, strain in ((0.0, 0.0), (1000.0, 0.0), (2000.0, 0.05)):
+        value_of(system, "in cuff 1").Set(pressure)
+        set_motion(system, strain * position())
+        critical.append(stability.refresh().critical)
+    assert critical == pytest.approx([np.nan, np.inf, np.inf], nan_ok=True)
 
 
 def test_an_oval_ring_grows_more_oval() -> None:
