@@ -18,7 +18,7 @@ from ngfsi.config.functions import PressureRamp, PressureTable
 from ngfsi.errors import SolverError
 from ngfsi.solve.newton import Solution
 from ngfsi.solve.time_loop import History, Step, TimeLoop
-from ngfsi.system.schemes import Weights, bdf2, fraction_of_error
+from ngfsi.system.schemes import Weights, bdf2
 from tests.vein import case_of
 
 Vector = NDArray[np.float64]
@@ -305,16 +305,89 @@ def test_steps_that_follow_the_error() -> None:
         assert max(outcome.sizes[smallest:]) > 1.9 * outcome.sizes[smallest]
 
 
-@pytest.mark.parametrize("ratios", [(1.0, 1.0), (0.5, 1.0), (2.0, 0.5)])
-def test_estimated_error_is_exact_for_a_cubic(ratios: tuple[float, float]) -> None:
-    """y' = 3 t^2 by BDF2 from exact states: the error of the step is the estimate, by the distance to the predictor."""
-    h1, h2 = ratios[0] * 0.1, ratios[1] * 0.1
-    t = np.array([0.4 - h1 - h2, 0.4 - h1, 0.4, 0.5])
-    history = History([*t[2::-1]], [np.array([x**3]) for x in t[2::-1]], [], 2)
-    w = bdf2(0.1, h1)
-    solved = (3 * t[3] ** 2 - w.old * t[2] ** 3 - w.older * t[1] ** 3) / w.new
-    estimate = fraction_of_error(0.1, h1, h2) * abs(solved - history.extrapolated(0.5)[0])
-    assert estimate == pytest.approx(abs(solved - t[3] ** 3), rel=1e-9)
+AT, OLDER, STILL_OLDER, NEXT = 0.4, 0.35, 0.33, 0.5
+"""Times of the states that are known, and the end of the step to come."""
+SCALES = {"d": 2.0, "w": 5.0, "p": 1e-9}
+PARTS = {"d": np.array([0, 1]), "w": np.array([2]), "p": np.array([3])}
+
+
+class Power(Scalar):
+    """Unknowns in blocks, each a multiple of a power of the time: their rates are given, their states are not."""
+
+    def __init__(self, case: Case, factors: Vector, power: int) -> None:
+        super().__init__(case, np.zeros(4), SimpleNamespace(size=4, blocks=PARTS))
+        self.factors, self.power = factors, power
+
+    def rate(self, t: float) -> Vector:
+        return self.power * t ** (self.power - 1) * self.factors
+
+    def solve(self) -> None:
+        self.values[:] = (self.rate(self.time) - self.velocity_history) / self.new
+
+    def block_scales(self) -> dict[str, float]:
+        return SCALES
+
+
+def next_step(
+    tolerance: float,
+    factors: Vector,
+    power: int = 3,
+    smooth: int = 2,
+    smallest: float = 1e-3,
+    size: float | None = None,
+) -> tuple[float, float | None]:
+    """Return the size of the step that is taken from exact states, and the size to be tried next."""
+    time: dict[str, Any] = {
+        "time.step": NEXT - AT,
+        "time.end": NEXT,
+        "time.smallest_step": smallest,
+        "time.error_tolerance": tolerance,
+    }
+    case = case_of(**time)
+    system = Power(case, factors, power)
+    times = [AT, OLDER, STILL_OLDER]
+    rates = [system.rate(t) for t in times]
+    history = History(times, [t**power * factors for t in times], rates, smooth, 3, size)
+    system.time = AT
+    newton: Any = Fake(system, never)
+    loop = TimeLoop(case, system, newton, history=history)  # type: ignore[arg-type]
+    return next(loop.run()).size, history.size
+
+
+def error_of_bdf2(step: float) -> float:
+    """Return that of the next state of t^3."""
+    w, end = bdf2(step, AT - OLDER), AT + step
+    return abs((3 * end**2 - w.old * AT**3 - w.older * OLDER**3) / w.new - end**3)
+
+
+@pytest.mark.parametrize(
+    ("factors", "share"),
+    [((1, -4, 0, 9), 4 / 2), ((-4, 1, 3, 9), 4 / 2), ((1, 1, -15, 9), 15 / 5), ((0, 0, 2, 9), 2 / 5)],
+)
+def test_a_step_is_refused_from_its_error_on(factors: tuple[float, ...], share: float) -> None:
+    """That of the worst unknown of displacement and velocity against its scale; exact for a cubic, whatever the sizes
+    of the steps before. A step that cannot be halved is taken as it is."""
+    whole, exact = NEXT - AT, share * error_of_bdf2(NEXT - AT)
+    assert next_step(1.000001 * exact, np.array(factors))[0] == pytest.approx(whole)
+    assert next_step(0.999999 * exact, np.array(factors))[0] == pytest.approx(whole / 2)
+    assert next_step(1e-3 * exact, np.array(factors), smallest=whole / 2.01)[0] == pytest.approx(whole / 2)
+    assert next_step(1e-3 * exact, np.array(factors), smallest=whole / 1.99)[0] == pytest.approx(whole)
+
+
+@pytest.mark.parametrize("smooth", [0, 1])
+def test_error_of_the_first_steps_after_a_kink(smooth: int) -> None:
+    """h^2 for t^2, exact for backward Euler, and taken for the second step, too."""
+    factors, exact = np.array([1.0, -4.0, 3.0, 9.0]), 4 / 2 * (NEXT - AT) ** 2
+    assert next_step(1.000001 * exact, factors, 2, smooth)[0] == pytest.approx(NEXT - AT)
+    assert next_step(0.999999 * exact, factors, 2, smooth)[0] == pytest.approx((NEXT - AT) / 2)
+
+
+def test_steps_grow_where_their_error_is_a_tenth_of_what_is_allowed() -> None:
+    quarter = (NEXT - AT) / 4
+    exact = 2 * error_of_bdf2(quarter)
+    for tolerance, wanted in ((9.99999 * exact, quarter), (10.00001 * exact, 2 * quarter)):
+        found = next_step(tolerance, np.array([0.0, 4.0, 0.0, 0.0]), size=quarter)
+        assert found == pytest.approx((quarter, wanted))
 
 
 @pytest.mark.parametrize(("last_good", "said"), [(0.0, "begun: False"), (0.5, "begun: True")])
