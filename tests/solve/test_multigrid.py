@@ -100,6 +100,27 @@ def test_a_run_ends_where_that_with_a_direct_solver_does() -> None:
         assert np.linalg.norm(a - b) < 30 * TIGHT * np.linalg.norm(a), row
 
 
+def test_errors_are_judged_by_the_scales(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To 1e-2 of that unknown whose scale is small against its change, and of no other; without scales displacement and
+    velocity would be found to 0.5 and 0.8, since the pressure has the largest numbers. Renewed, with new scales."""
+    system = first_step(vein(mesh(12e-3, 5e-3, 1)))
+    exact, _ = solved(system, choose_backend("auto"))
+    scales: dict[str, float] = {}
+    monkeypatch.setattr(system, "block_scales", lambda: scales)
+    made, errors = None, {}
+    for wanted in "pwed":
+        scales |= dict.fromkeys(BLOCKS, 1e9) | {wanted: 1e-3 * np.abs(block(system, wanted, exact)).max()}
+        made = made or factorised(system, "p_multigrid")
+        made.renew(system.state.vec)
+        found = update(system, made)
+        errors[wanted] = [
+            np.linalg.norm(block(system, row, found - exact)) / np.linalg.norm(block(system, row, exact))
+            for row in (wanted, "d")
+        ]
+    assert max(one for one, _ in errors.values()) < 3e-2
+    assert errors["p"][1] > 0.1
+
+
 def test_failure_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     system = first_step(COUNTS["coarse"][0])
     monkeypatch.setattr(multigrid, "MOST_ITERATIONS", 1)
