@@ -224,3 +224,9 @@ def test_the_best_of_a_known_response_is_found_and_reported(tmp_path: Path, monk
     assert {path.name for path in tmp_path.glob("*.png")} == {
         "along.png", "outflow.png", "profiles.png", "ranking.png", "surrogate.png"
     }  # fmt: skip
+
+
+def test_profiles_that_most_likely_leave_the_vein_open() -> None:
+    """Two standard deviations below a loss of a quarter."""
+    losses: Any = lambda _points: (np.array([0.24, 0.2, 0.2, 0.26]), np.array([0.004, 0.024, 0.026, 0.0]))  # noqa: E731
+    assert list(stocking_design.open_enough(losses, np.zeros((4, 5)))) == [True, True, False, False]

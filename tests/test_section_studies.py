@@ -166,6 +166,29 @@ def test_cycles_are_compared_at_equal_times_within_them() -> None:
     assert rigid_veins.mean_over(cycles.wall, rigid_veins.SHEAR) == pytest.approx(shear(8.0), rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [((0.2, 0.0099), "periodic, changes"), ((0.001, 0.0101), "not periodic within 1%, changes")],
+)
+def test_which_cycles_are_called_periodic(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: tuple[float, float], said: str
+) -> None:
+    """The last of which changes by less than 1 %; means are over the area, of which a quarter has twice the stress."""
+    corners = np.array([[0.0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, 0]])
+    points = np.vstack([corners, corners * [3, 1, 1] + [0, 1, 0]])
+    wall = pyvista.UnstructuredGrid(np.array([4, 0, 1, 2, 3, 4, 4, 5, 6, 7]), np.full(2, 9, dtype=np.uint8), points)
+    wall.point_data["TAWSS_Pa"] = np.repeat([2.0, 1.0], 4)
+    wall.point_data["OSI_1"] = np.repeat([0.3, 0.1], 4)
+    cycles = rigid_veins.Cycles(wall, np.arange(3.0), np.ones(3), changes)
+    monkeypatch.setattr(rigid_veins, "over_cycles", lambda _run: cycles)
+    before = rigid_veins.Finding(rigid_veins.PULSATILE, "before", 1.0, 1.0, mean=1.125, uniform=1.0)
+    outcome: Any = SimpleNamespace(failure="", run=object())
+    text = rigid_veins._cycles(tmp_path, [before], outcome)
+    assert f": {said} of the wall shear stress from cycle to cycle {100 * changes[0]:.2g} %, " in text
+    assert "TAWSS: mean 1.250, 1.000 to 2.000 Pa; steady flow at the mean flow gives 1.125 Pa." in text
+    assert "OSI: mean 0.1500, at most 0.3000." in text
+
+
 def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One coarse subject: in plane strain the calf loses a little less than a disc without bones and vein."""
     monkeypatch.setitem(plane_sections.LEVELS, "demo", Level(3, 1.8, (1,)))

@@ -45,6 +45,15 @@ def test_worst_place(system: System) -> None:
     assert first.endswith("no step was taken, the loads of the first one may be too large or jump")
 
 
+@pytest.mark.parametrize(("volume", "close"), [(0.201, False), (0.199, True)])
+def test_how_close_to_inversion_is_said(system: System, volume: float, close: bool) -> None:
+    """From a fifth of the volume on, in warnings and in what is said of a failure."""
+    system.motion.Set(ng.CF((0, 0, (volume - 1) * ng.z)))
+    deformation = Deformation(system)
+    assert len(deformation.approaching()) == (3 if close else 0)
+    assert ("no element is close to inversion" in deformation.diagnose_failure(begun=True)) == (not close)
+
+
 def test_inversion_is_announced_once_and_named(system: System) -> None:
     deformation = Deformation(system)
     squeeze(system, 0.48)

@@ -34,3 +34,12 @@ def test_transmission(stored: StoredRun) -> None:
         found = transmission(run)
         assert np.isnan(found[:2]).all()
         assert found[2] == pytest.approx(0.5)
+
+
+def test_pressure_on_the_skin_is_uneven_from_a_thousandth_on(stored: StoredRun) -> None:
+    """Its largest value is said beside its mean, also of suction."""
+    run = replace(stored)
+    mean = np.array([1000.0, 1000.0, -1000.0])
+    most = np.array([1000.9, 1001.1, -998.9])
+    run.__dict__["series"] = {"time_s": np.arange(3.0), "skin_pressure_mean_Pa": mean, "skin_pressure_max_Pa": most}
+    assert [run.on_skin(time) for time in (0.0, 1.0, 2.0)] == [[1000.0], [1000.0, 1001.1], [-1000.0, -998.9]]
