@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import pytest
+import scipy.constants
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ngfsi.units import SI_SUFFIX, UNITS, from_si, suffixes, to_si
+from ngfsi.units import SI_SUFFIX, UNITS, from_si, seconds, suffixes, to_si
 
 
 @pytest.mark.parametrize(
@@ -31,11 +33,41 @@ def test_decimal_input_converts_without_a_rounding_of_its_own(value: float, suff
     assert to_si(value, suffix) == si
 
 
-def test_factors_that_are_not_decimal() -> None:
-    assert to_si(180, "deg") == pytest.approx(math.pi, rel=1e-15)
-    # cardiac output of 5 l/min is 83.33 ml/s
-    assert to_si(5, "l_min") == pytest.approx(5e-3 / 60, rel=1e-15)
-    assert to_si(60, "ml_min") == pytest.approx(1e-6, rel=1e-15)
+CENTI, MILLI, MICRO = Fraction(1, 100), Fraction(1, 1000), Fraction(1, 10**6)
+ML, MMHG = CENTI**3, Fraction("133.322")
+DEFINED: dict[str, dict[str, float | Fraction]] = {
+    "length": {"m": 1, "cm": CENTI, "mm": MILLI, "um": MICRO},
+    "area": {"m2": 1, "cm2": CENTI**2, "mm2": MILLI**2},
+    "volume": {"m3": 1, "ml": ML, "mm3": MILLI**3},
+    "time": {"s": 1, "ms": MILLI, "min": 60, "h": 60 * 60},
+    "velocity": {"m_s": 1, "cm_s": CENTI, "mm_s": MILLI},
+    "acceleration": {"m_s2": 1},
+    "flow_rate": {"m3_s": 1, "ml_s": ML, "ml_min": ML / 60, "l_min": (10 * CENTI) ** 3 / 60},
+    "pressure": {"Pa": 1, "kPa": 1000, "MPa": 1000**2, "mmHg": MMHG},
+    "density": {"kg_m3": 1, "g_cm3": MILLI / CENTI**3},
+    "viscosity": {"Pa_s": 1, "mPa_s": MILLI},
+    "resistance": {"Pa_s_m3": 1, "Pa_s_ml": 1 / ML, "mmHg_s_ml": MMHG / ML},
+    "compliance": {"m3_Pa": 1, "ml_mmHg": ML / MMHG},
+    "angle": {"rad": 1, "deg": math.pi / 180},
+}
+"""What each unit is by its name: prefixes, powers, and 133.322 Pa for a millimetre of mercury."""
+
+
+def test_each_unit_is_what_its_name_says() -> None:
+    known: dict[str, object] = {suffix: (unit.dimension, unit.factor) for suffix, unit in UNITS.items()}
+    assert known == {
+        suffix: (dimension, pytest.approx(float(size), rel=1e-15))
+        for dimension, units in DEFINED.items()
+        for suffix, size in units.items()
+    }
+    assert float(MMHG) == pytest.approx(scipy.constants.mmHg, rel=3e-6)
+
+
+def test_durations() -> None:
+    assert [seconds(text) for text in ("90s", "2h", "1h 30min", "2.5min")] == [90.0, 7200.0, 5400.0, 150.0]
+    for text in ("", "2", "2 d", "h", "-1h"):
+        with pytest.raises(ValueError, match="is no duration"):
+            seconds(text)
 
 
 def test_each_dimension_has_one_si_unit_listed_first() -> None:
