@@ -156,6 +156,8 @@ def test_materials(capsys: pytest.CaptureFixture[str]) -> None:
     assert code == 0
     row = next(line for line in out.splitlines() if "mooney_rivlin_s1" in line)
     assert [cell.strip() for cell in row.split("│")[2:7]] == ["mooney_rivlin", "6.98", "28.45", "19.36", "0.387"]
+    row = next(line for line in out.splitlines() if "blood" in line)
+    assert [cell.strip() for cell in row.split("│")[7:9]] == ["1060", "3.5"]
     assert "negative Poisson ratio" in out
     assert "neo_hookean_printed" in out
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -143,8 +144,12 @@ def test_shape_counts_in_the_jacobian() -> None:
     reach = np.array([max(mesh[v].point[0] for v in e.vertices) for e in mesh.Elements(VOL)])
     assert np.all(ratios[reach < 1 / 80] > 0)
     assert np.all(ratios[reach > 1.2 / 80] < 0)
-    with pytest.raises(MeshError, match=r"\d+ of \d+ curved elements are inverted, the worst in region 'tissue'"):
+    with pytest.raises(MeshError, match="curved elements are inverted, the worst in region 'tissue'") as caught:
         meshing.check_shape(mesh, shape)
+    said = re.match(r"(\d+) of (\d+) .* near \((\S+), .*\) mm", str(caught.value))
+    assert said is not None
+    assert [int(said[1]), int(said[2])] == [np.count_nonzero(ratios < 0), mesh.ne]
+    assert 1e3 / 80 < float(said[3]) < 20  # the tissue's radius
 
 
 def test_ratio_of_a_curved_element() -> None:

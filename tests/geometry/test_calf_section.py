@@ -59,7 +59,8 @@ def test_offset() -> None:
     ("points", "sentence"),
     [
         (np.array([[0, 0], [2, 2], [2, 0], [0, 2.0]]) * 1e-3, "the outline crosses itself between points 1 and 3"),
-        (ellipse(3e-3, 2e-3).points[:36], "the outline is open: its first and last point are .* times the usual"),
+        # a quarter is missing: sqrt(2) radii, over 2 sin(pi / 48)
+        (Outline.circle(0.0, 0.0, 1e-3, 48).points[:37], r"is open: .* point are 1\.41 mm apart, 11 times the usual"),
         (np.array([[0, 0], [1, 0], [1, 0], [0, 1.0]]), "the same point twice, number 2 and the next"),
     ],
 )
