@@ -251,7 +251,11 @@ def test_oscillations_are_averaged_and_timed() -> None:
     swing = np.sin(2 * np.pi * times / 0.125)
     run: Any = SimpleNamespace(series={"time_s": times, "sawss_Pa": 1 + times + 0.5 * swing})
     assert tissue_findings.mean_sawss(run, 1.0) == pytest.approx(1.8, rel=2e-3)
-    assert tissue_findings._period(times, 3 + swing) == pytest.approx(0.125, rel=0.01)
+    assert tissue_findings._period(times, 3 + swing) == pytest.approx(0.125, rel=1e-9)
+    # at unequal distances: their mean
+    peaks = np.array([20, 45, 70, 95, 130])
+    tents = -np.abs(np.arange(201)[:, None] - peaks).min(axis=1)
+    assert tissue_findings._period(times, tents) == pytest.approx(27.5 * 0.005, rel=1e-9)
     assert tissue_findings._period(times[::5], swing[::5]) is None  # five steps a period
     assert tissue_findings._period(times, times) is None
 
