@@ -67,22 +67,26 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.usefixtures("guarded_mesher")
 def test_crash_is_survived_and_recorded() -> None:
     domain = Domain.build(Crashing(mesh=COARSE))
     assert domain.statistics()["way_of_meshing"] == "element sizes x 0.93"
     assert domain.statistics()["warnings"] == ["the mesher with element sizes x 1 crashed with signal 6"]
 
 
+@pytest.mark.usefixtures("guarded_mesher")
 def test_hang_is_survived_and_recorded() -> None:
     _, report = meshing.generate(Hanging(mesh=COARSE), timeout=5)
     assert report.warnings == ("the mesher with element sizes x 1 took longer than 5 s",)
 
 
+@pytest.mark.usefixtures("guarded_mesher")
 def test_no_way_left() -> None:
     with pytest.raises(MeshError, match=r"no mesh of Failing could be made in 1 attempts; .* no triangle fits"):
         meshing.generate(Failing(mesh=COARSE))
 
 
+@pytest.mark.usefixtures("guarded_mesher")
 def test_inverted_elements_are_refused_with_advice() -> None:
     folded = Folded(mesh=COARSE.replace(lumen_radii=(0.95,)))
     with pytest.raises(

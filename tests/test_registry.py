@@ -99,6 +99,7 @@ def test_all_that_is_registered_can_be_loaded() -> None:
             assert registry.name_of(group, law) == name
 
 
+@pytest.mark.usefixtures("guarded_mesher")
 def test_a_file_is_taken_from_the_command_line_alone(
     file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -128,7 +129,7 @@ def test_a_file_is_taken_from_the_command_line_alone(
 def test_files_go_on_to_the_runs_of_studies(file: Path, tmp_path: Path) -> None:
     registry.load([str(file)])
     my_vein = registry.find("ngfsi.geometries", "my_vein", "geometry")
-    case = case_of(my_vein(mesh=TUBE.mesh, outer_radius=14e-3)).replace(**{"time.end": 0.1})
+    case = case_of(my_vein(mesh=TUBE.mesh, wall_thickness=2e-3, outer_radius=14e-3)).replace(**{"time.end": 0.1})
     outcome = run_cases({"one": case}, tmp_path / "runs", quiet=True)["one"]
     assert outcome.failure == ""
     assert outcome.run is not None

@@ -189,6 +189,7 @@ def test_which_cycles_are_called_periodic(
     assert "OSI: mean 0.1500, at most 0.3000." in text
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_a_tiny_study_of_plane_sections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One coarse subject: in plane strain the calf loses a little less than a disc without bones and vein."""
     monkeypatch.setitem(plane_sections.LEVELS, "demo", Level(3, 1.8, (1,)))

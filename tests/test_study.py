@@ -395,9 +395,11 @@ def test_levels_hold_what_they_promise() -> None:
 
 
 def test_a_tiny_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The real thing, coarse and to half of the pressure: both tissues computed, M the softer one, all figures."""
-    mesh = MeshSettings(axial_layers=2, vein_size=8e-3, far_size=25e-3, lumen_radii=(0.6,))
-    tiny = compare_tissues.LEVELS["demo"]._replace(mesh=mesh, step=0.25, end=0.5)
+    """The real thing, coarse and to half of the pressure: both tissues computed, M the softer one, its figures."""
+    for picture in ("displacement_picture", "wall_shear_picture"):  # tests/output/test_render.py draws them
+        monkeypatch.setattr(tissue_figures, picture, lambda *_: "3-D pictures need OpenGL")
+    mesh = MeshSettings(axial_layers=2, vein_size=8e-3, far_size=25e-3, lumen_radii=(0.6,), curving_order=2)
+    tiny = compare_tissues.LEVELS["demo"]._replace(mesh=mesh, order=2, step=0.25, end=0.5)
     monkeypatch.setitem(compare_tissues.LEVELS, "demo", tiny)
     report = compare_tissues.study("demo", tmp_path, quiet=True).read_text(encoding="utf-8")
     m, n = (open_run(tmp_path / key) for key in compare_tissues.MAIN)

@@ -15,7 +15,7 @@ from ngfsi.run import run
 from ngfsi.store import open_run
 from tests.test_resume import CASE
 
-SHORT = CASE.replace(**{"time.end": 0.1})
+SHORT = CASE.replace(**{"time.end": 0.05})
 
 
 def test_two_threads_change_no_result(tmp_path: Path) -> None:
