@@ -19,13 +19,7 @@ from pydantic_core import PydanticCustomError
 
 from ngfsi import registry
 from ngfsi.case.geometries import find_geometry, is_geometry, name_of
-from ngfsi.conditions import (
-    ConditionModel,
-    Cuff,
-    FlowOpening,
-    OpeningModel,
-    PressureOpening,
-)
+from ngfsi.conditions import ConditionModel, Cuff, FlowOpening, OpeningModel, PressureOpening
 from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.config.messages import key_error
 from ngfsi.config.model import ConfigModel

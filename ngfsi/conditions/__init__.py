@@ -7,23 +7,7 @@ from ngfsi.conditions.pressure import BloodReference, Cuff, PressureOn
 from ngfsi.conditions.supports import DisplacementModel, Ends, GivenMeshMotion, GivenVelocity, SkinMotion
 
 __all__ = [
-    "BloodReference",
-    "BodyForce",
-    "BodyForceModel",
-    "Condition",
-    "ConditionModel",
-    "Cuff",
-    "DisplacementModel",
-    "Ends",
-    "FlowOpening",
-    "FreeOpening",
-    "GivenMeshMotion",
-    "GivenVelocity",
-    "OpeningModel",
-    "PressureOn",
-    "PressureOpening",
-    "ResistanceOpening",
-    "Setup",
-    "SkinMotion",
-    "WithValue",
-]
+    "BloodReference", "BodyForce", "BodyForceModel", "Condition", "ConditionModel", "Cuff", "DisplacementModel",
+    "Ends", "FlowOpening", "FreeOpening", "GivenMeshMotion", "GivenVelocity", "OpeningModel", "PressureOn",
+    "PressureOpening", "ResistanceOpening", "Setup", "SkinMotion", "WithValue",
+]  # fmt: skip

@@ -80,6 +80,7 @@ class Condition:
     """
 
     name: str = ""
+    _setup: Setup
 
     def fixes(self) -> Mapping[str, Sequence[str]]:
         """Return the boundaries whose displacement is prescribed: "" for all components, or "x", "y", "z"."""
@@ -107,11 +108,16 @@ class Condition:
         return False
 
     def attach(self, setup: Setup) -> None:
-        """Take what it acts on; its integrals are asked for afterwards."""
+        """Take what it acts on; its integrals are asked for afterwards. What overrides this calls it, too."""
+        self._setup = setup
 
     def integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
-        """Return its terms of the weak form, internal minus external virtual work, on some elements or all (None)."""
-        return []
+        """Return its terms of the weak form, internal minus external virtual work, on some elements or all (None).
+
+        By default those for the solids at rest, at the present motion.
+        """
+        setup = self._setup
+        return self.static_integrals(setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
 
     def blood_integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
         """Return those of its terms that are part of the blood's balance of momentum."""
@@ -162,31 +168,13 @@ class WithValue(Condition):
         self.name, self.curve, self.value = name, curve, Parameter(0.0)
 
     def update(self, t: float, load_factor: float = 1.0) -> None:
-        """Take the value at time t (s), or a fraction of it."""
         self.value.Set(load_factor * self.curve(t))
 
     def state_arrays(self) -> dict[str, Array]:
-        """Return the present value."""
         return {"value": np.array([self.value.Get()])}
 
     def restore_state(self, arrays: Mapping[str, Array]) -> None:
-        """Take a value."""
         self.value.Set(float(arrays["value"][0]))
-
-
-class OnSolids(Condition):
-    """A condition whose terms are those for the solids at rest, at the present motion."""
-
-    _setup: Setup
-
-    def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
-        self._setup = setup
-
-    def integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
-        """Return its virtual work."""
-        setup = self._setup
-        return self.static_integrals(setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
 
 
 class ConditionModel(ConfigModel):

@@ -35,30 +35,20 @@ class BodyForce(WithValue):
         super().__init__(name, curve)
         self.force, self._regions, self._options = force, regions, options
 
-    def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
-        self._setup = setup
-
     def integrals(self, elements: ng.BitArray | None) -> list[Integral]:
-        """Return its virtual work."""
-        domain = self._setup.domain
-        return self._work(self._setup.test[MOTION], self._regions or domain.regions, elements)
+        return self._work(self._setup.test[MOTION], self._regions or self._setup.domain.regions, elements)
 
     def blood_integrals(self, elements: ng.BitArray | None) -> list[Integral]:
-        """Return its virtual work on the blood."""
-        lumens = self._setup.domain.lumens
-        return self._work(self._setup.test[MOTION], [n for n in self._regions or lumens if n in lumens], elements)
+        return self._work(self._setup.test[MOTION], self._setup.domain.lumens, elements)
 
     def static_integrals(self, _m: Any, v: Any) -> list[Integral]:
-        """Return its virtual work on the solids with a test function."""
-        solids = self._setup.domain.geometry.solids
-        return self._work(v, [n for n in self._regions or solids if n in solids], None)
+        return self._work(v, self._setup.domain.geometry.solids, None)
 
     def sentence(self) -> str:
-        """Return what acts now."""
         return f"{self.value.Get():.4g} times the {self.name}"
 
-    def _work(self, v: Any, regions: Sequence[str], elements: ng.BitArray | None) -> list[Integral]:
+    def _work(self, v: Any, among: Sequence[str], elements: ng.BitArray | None) -> list[Integral]:
+        regions = [name for name in self._regions or among if name in among]
         if not regions:
             return []
         measure = self._setup.domain.dx(*regions, definedonelements=elements, **self._options)
@@ -79,7 +69,6 @@ class SolidsForce(BodyForce):
         self.force = mass * ng.CF(self._acceleration)
 
     def sentence(self) -> str:
-        """Return what acts now."""
         size = self.value.Get() * sum(a * a for a in self._acceleration) ** 0.5
         return f"{size:.4g} m/s2 on {', '.join(self._regions)}"
 
@@ -96,7 +85,6 @@ class BodyForceModel(ConditionModel):
     """Factor on it."""
 
     def condition(self, domain: Domain, name: str) -> SolidsForce:
-        """Return the condition."""
         solids = domain.geometry.solids
         if wrong := next((region for region in self.regions if region not in solids), None):
             raise CaseError(f"loads.further: {name}: {unknown('solid', wrong, solids)}")

@@ -22,12 +22,13 @@ from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain, elements_at
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
-from ngfsi.physics.fields import MOTION, VELOCITY, Fields
+from ngfsi.physics.fields import MOTION, VELOCITY
 from ngfsi.physics.integrals import Integral
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.units import Resistance
 
 Profile = Literal["developed", "flat", "womersley"]
+NOTHING = PressureConstant(value=0.0)
 
 
 class Opening(WithValue):
@@ -42,51 +43,46 @@ class Opening(WithValue):
     def __init__(self, domain: Domain, opening: str, vessel: Vessel, curve: Callable[[float], float]) -> None:
         super().__init__(opening, curve)
         self.domain, self.opening, self.vessel = domain, opening, vessel
-        assert vessel.lumen is not None
-        self.lumen = vessel.lumen
-        self.outwards = opening in vessel.outlets
+        self.lumen, self.outwards = str(vessel.lumen), opening in vessel.outlets
 
     def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
-        self._setup = setup
-        self.flux = flux_through(setup.fields(setup.state), self.domain, self.opening, self.lumen)
+        super().attach(setup)
+        self.flux = self._outflow_of(setup.state[VELOCITY])
 
     def outflow(self) -> float:
         """Return the flow (m3/s) of the present state out of the moving opening."""
-        return float(ng.Integrate(self.flux, self.domain.mesh))
+        return self._integral(self.flux)
+
+    def _outflow_of(self, velocity: Any) -> Any:
+        """Return the integral of the flow (m3/s) of a relative velocity out of the moving opening."""
+        normal = self.domain.outward_normal(self.lumen)
+        flux = terms.relative_flux(Kinematics(ng.Grad(self._setup.state[MOTION])), velocity, normal)
+        return flux * self.domain.ds(self.opening, bonus_intorder=2 * self._setup.order)
+
+    def _integral(self, integral: Any) -> float:
+        return float(ng.Integrate(integral, self.domain.mesh))
 
     def _profile(self) -> GridFunction:
         """Return developed flow into the vessel as a relative velocity, up to a factor; zero away from the opening."""
-        geometry, field = self.domain.geometry, GridFunction(self._setup.unknowns.space)
-        given = geometry.inflow() if self.opening == "inlet" else None
-        if given is None:
-            face = developed(self.domain, self.opening, self._setup.order)
-            self._set(field, face * inwards(self.domain, self.opening, self.lumen))
-        else:
-            self._set(field, given, dual=False)
+        given = self.domain.geometry.inflow() if self.opening == "inlet" else None
+        return self._computed() if given is None else self._on_opening(given, dual=False)
+
+    def _computed(self) -> GridFunction:
+        face = developed(self.domain, self.opening, self._setup.order)
+        return self._on_opening(face * inwards(self.domain, self.opening, self.lumen))
+
+    def _on_opening(self, velocity: Any, *, dual: bool = True) -> GridFunction:
+        """Return a field of all unknowns with a relative velocity on the opening alone.
+
+        Args:
+            dual: whether the velocity is of the space of the unknowns, and is to be taken exactly.
+        """
+        field, face = GridFunction(self._setup.unknowns.space), self.domain.boundaries(self.opening)
+        self._velocity_of(field).Set(velocity, definedon=face, bonus_intorder=4, dual=dual)
         return field
 
-    def _inflow_of(self, field: GridFunction) -> Any:
-        """Return the integral of the flow (m3/s) of a relative velocity through the moving opening, of either sign."""
-        motion, normal = Kinematics(ng.Grad(self._setup.state[MOTION])), ng.specialcf.normal(self.domain.mesh.dim)
-        measure = self.domain.ds(self.opening, bonus_intorder=2 * self._setup.order)
-        velocity = field.components[self._setup.unknowns.place(VELOCITY)]
-        return terms.relative_flux(motion, velocity, normal) * measure
-
-    def _size(self, flux: Any) -> float:
-        return float(abs(ng.Integrate(flux, self.domain.mesh)))
-
-    def _set(self, field: GridFunction, velocity: Any, *, dual: bool = True) -> None:
-        """Give the relative velocity values on the opening; `dual`: exact, if they are of the velocity's space."""
-        place, face = self._setup.unknowns.place(VELOCITY), self.domain.boundaries(self.opening)
-        field.components[place].Set(velocity, definedon=face, bonus_intorder=4, dual=dual)
-
-
-def flux_through(fields: Fields, domain: Domain, opening: str, lumen: str) -> Any:
-    """Return the integral of the flow out of the blood through a moving opening (m3/s)."""
-    normal = domain.outward_normal(lumen) if domain.mesh.dim == 3 else ng.specialcf.normal(2)
-    flux = terms.relative_flux(Kinematics(fields.grad_motion), fields.relative, normal)
-    return flux * domain.ds(opening, bonus_intorder=2 * fields.motion.space.globalorder)
+    def _velocity_of(self, field: GridFunction) -> GridFunction:
+        return field.components[self._setup.unknowns.place(VELOCITY)]
 
 
 class GivenFlow(Opening):
@@ -97,32 +93,27 @@ class GivenFlow(Opening):
     ) -> None:
         super().__init__(domain, opening, vessel, curve)
         self._kind = profile
+        self._time, self._factor = 0.0, 1.0
 
     def velocity_on(self) -> tuple[str, ...]:
-        """Return the opening."""
         return (self.opening,)
 
     def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
         super().attach(setup)
         self._numbers = setup.unknowns.on_opening[self.opening]
-        self._field = self._flat() if self._kind == "flat" else self._profile()
-        self._shape = self._values(self._field)
-        self._flux = self._inflow_of(self._field)
-        self._wave: Callable[[float], Array] | None = None
-        if self._kind == "womersley":
-            self._wave = self._oscillating()
-        self._time, self._factor = 0.0, 1.0
+        profiles = {"developed": self._profile, "flat": self._flat, "womersley": self._computed}
+        field = profiles[self._kind]()
+        self._shape, self._shape_flux = self._values(field), self._outflow_of(self._velocity_of(field))
+        self._wave = self._oscillating() if self._kind == "womersley" else None
 
     def _values(self, field: GridFunction) -> Array:
         return np.array(field.vec.FV().NumPy()[self._numbers])
 
     def _flat(self) -> GridFunction:
-        field = GridFunction(self._setup.unknowns.space)
-        self._set(field, inwards(self.domain, self.opening, self.lumen))
-        component = field.components[self._setup.unknowns.place(VELOCITY)]
-        for number in np.flatnonzero(list(rim(self.domain, self.opening, component.space))):
-            component.vec[int(number)] = 0.0
+        field = self._on_opening(inwards(self.domain, self.opening, self.lumen))
+        velocity = self._velocity_of(field)
+        for number in np.flatnonzero(list(rim(self.domain, self.opening, velocity.space))):
+            velocity.vec[int(number)] = 0.0
         return field
 
     def _oscillating(self) -> Callable[[float], Array]:
@@ -139,47 +130,33 @@ class GivenFlow(Opening):
         def profile_of(omega: float) -> tuple[Array, complex]:
             parameter = fluid.density * omega / fluid.nominal_viscosity
             face = womersley(self.domain, self.opening, self._setup.order, parameter)
-            values, flux = [], []
-            for part in (face.real, face.imag):
-                self._set(self._field, part * into)
-                values.append(self._values(self._field))
-                flux.append(self._size(self._flux))
-            signs = [np.sign(float(ng.Integrate(part * self.domain.ds(self.opening), self.domain.mesh)))
-                     for part in (face.real, face.imag)]  # fmt: skip
-            return values[0] + 1j * values[1], complex(signs[0] * flux[0], signs[1] * flux[1])
+            parts = [self._on_opening(part * into) for part in (face.real, face.imag)]
+            values = [self._values(part) for part in parts]
+            fluxes = [-self._integral(self._outflow_of(self._velocity_of(part))) for part in parts]
+            return values[0] + 1j * values[1], complex(*fluxes)
 
-        found = oscillating(self.curve, period, profile_of)
-        self._set(self._field, developed(self.domain, self.opening, self._setup.order) * into)
-        self._shape = self._values(self._field)
-        return found
+        return oscillating(self.curve, period, profile_of)
 
     def prescribed(self) -> Numbers:
-        """Return the unknowns of the velocity on the opening."""
         return np.asarray(self._numbers)
 
     def update(self, t: float, load_factor: float = 1.0) -> None:
-        """Take the flow of time t (s), or a fraction of it."""
         super().update(t, load_factor)
         self._time, self._factor = t, load_factor
 
     def prescribe(self, values: Array) -> None:
         """Scale the profile to the deformed opening."""
-        wanted = -self.value.Get() if self.outwards else self.value.Get()
-        if self._wave is None:
-            values[self._numbers] = self._shape * (wanted / self._size(self._flux))
-            return
-        sign = -self._factor if self.outwards else self._factor
-        waves = sign * self._wave(self._time)
-        values[self._numbers] = waves
-        left = wanted + self.outflow()
-        values[self._numbers] += self._shape * (left / self._size(self._flux))
+        sign, left = (-1.0 if self.outwards else 1.0), self.value.Get()
+        values[self._numbers] = 0.0
+        if self._wave is not None:
+            values[self._numbers] = sign * self._factor * self._wave(self._time)
+            left += sign * self.outflow()
+        values[self._numbers] += self._shape * (sign * left / -self._integral(self._shape_flux))
 
     def flow_scale(self) -> float:
-        """Return the size of the present flow."""
         return float(abs(self.value.Get()))
 
     def sentence(self) -> str:
-        """Return what acts now."""
         return f"{self.value.Get():.4g} m3/s through '{self.opening}'"
 
 
@@ -195,12 +172,11 @@ class Traction(Opening):
         self._back: GridFunction | None = None
 
     def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
         super().attach(setup)
         self._reference = setup.references[self.vessel.name].value
         if self.outwards:  # at an inlet blood is meant to enter with its energy
-            self._back = self._profile()
-            self._back_flux = self._inflow_of(self._back)
+            self._back = self._velocity_of(self._profile())
+            self._back_flux = self._outflow_of(self._back)
 
     def pressure(self) -> Any:
         """Return the pressure beyond the reference of the vessel (Pa), as a function of the unknowns."""
@@ -211,55 +187,46 @@ class Traction(Opening):
         return float(self.value.Get())
 
     def integrals(self, elements: ng.BitArray | None) -> list[Integral]:
-        """Return the virtual work of the traction, over the boundaries of the elements there.
+        return self.blood_integrals(elements)
+
+    def blood_integrals(self, elements: ng.BitArray | None) -> list[Integral]:
+        """Return the virtual work of the traction, which acts on the blood, over the boundaries of the elements there.
 
         NGSolve's own over a boundary with the whole gradient (`skeleton`) takes all elements, and room for them.
         """
-        setup = self._setup
-        fields = setup.fields(setup.trial)
-        k, v = Kinematics(fields.grad_motion), setup.test[MOTION]
-        work = self._traction(fields, k, v)
-        found = [through(setup.domain, self.lumen, self.opening, work, elements)]
-        if self._back is not None:
-            entering = self._entering * self._back.components[setup.unknowns.place(VELOCITY)]
-            normal, difference = ng.specialcf.normal(setup.domain.mesh.dim), fields.velocity - entering
-            work = terms.backflow(setup.blood_density, k, difference, fields.relative, normal, v)
-            # one order more, for the product of three velocities: 4e-4 of the force become 1e-7
-            found.append(through(setup.domain, self.lumen, self.opening, work, elements, bonus=1))
-        return found
-
-    def blood_integrals(self, elements: ng.BitArray | None) -> list[Integral]:
-        """Return the virtual work of the traction, which acts on the blood."""
-        return Traction.integrals(self, elements)
-
-    def _traction(self, f: Fields, k: Kinematics, v: Any) -> Any:
-        setup, normal = self._setup, ng.specialcf.normal(self.domain.mesh.dim)
-        assert setup.fluid is not None
+        setup, domain, normal = self._setup, self.domain, ng.specialcf.normal(self.domain.mesh.dim)
+        f, v = setup.fields(setup.trial), setup.test[MOTION]
+        k = Kinematics(f.grad_motion)
         if self._developed:
-            return terms.opening(setup.fluid, self.pressure(), k, f.grad_velocity, normal, v)
-        return terms.follower_pressure(self.pressure(), k, normal, v)
+            assert setup.fluid is not None
+            work = terms.opening(setup.fluid, self.pressure(), k, f.grad_velocity, normal, v)
+        else:
+            work = terms.follower_pressure(self.pressure(), k, normal, v)
+        found = [through(domain, self.lumen, self.opening, work, elements)]
+        if self._back is not None:
+            difference = f.velocity - self._entering * self._back
+            work = terms.backflow(setup.blood_density, k, difference, f.relative, normal, v)
+            # one order more, for the product of three velocities: 4e-4 of the force become 1e-7
+            found.append(through(domain, self.lumen, self.opening, work, elements, bonus=1))
+        return found
 
     def prescribe(self, _values: Array) -> None:
         """Take the flow with which blood comes back through an outlet."""
         if self._back is not None:
-            self._entering.Set(max(0.0, -self.outflow()) / self._size(self._back_flux))
+            self._entering.Set(max(0.0, -self.outflow()) / -self._integral(self._back_flux))
 
     def state_arrays(self) -> dict[str, Array]:
         """Return the present value, and the factor on the profile with which blood comes back."""
         return {"value": np.array([self.value.Get(), self._entering.Get()])}
 
     def restore_state(self, arrays: Mapping[str, Array]) -> None:
-        """Take these."""
-        value, entering = map(float, arrays["value"])
-        self.value.Set(value)
-        self._entering.Set(entering)
+        super().restore_state(arrays)
+        self._entering.Set(float(arrays["value"][1]))
 
     def pressure_scale(self) -> float:
-        """Return the pressure beyond the reference."""
         return float(abs(self.value.Get() - self._reference.Get()))
 
     def sentence(self) -> str:
-        """Return what acts now."""
         return f"{self.value.Get():.4g} Pa at '{self.opening}'"
 
 
@@ -274,29 +241,22 @@ class ResistiveTraction(Traction):
         self.unknown = f"{opening}_pressure"
 
     def given_pressure(self) -> float:
-        """Return the present pressure at the opening (Pa)."""
         return super().given_pressure() + float(self._setup.state[self.unknown].vec[0])
 
     def own_unknowns(self) -> dict[str, float]:
-        """Return the pressure beyond p0."""
         return {self.unknown: 1.0}
 
     def pressure(self) -> Any:
-        """Return the pressure beyond the reference of the vessel (Pa)."""
         return super().pressure() + self._setup.trial[self.unknown]
 
     def integrals(self, elements: ng.BitArray | None) -> list[Integral]:
         """Return the virtual work of the traction, and the law of the resistance."""
-        return [
-            *super().integrals(elements),
-            *self.law(self._setup.trial[self.unknown], self._setup.test[self.unknown]),
-        ]
+        law = self.law(self._setup.trial[self.unknown], self._setup.test[self.unknown]) if self._setup.leads else []
+        return [*super().integrals(elements), *law]
 
     def law(self, p: Any, q: Any) -> list[Integral]:
         """Return p - p0 - R Q = 0, tested with q, as an integral over the opening."""
         setup = self._setup
-        if not setup.leads:
-            return []
         fields, area = setup.fields(setup.trial), self.domain.area(self.opening)
         normal = self.domain.outward_normal(self.lumen)
         flux = terms.relative_flux(Kinematics(fields.grad_motion.Trace()), fields.relative.Trace(), normal)
@@ -326,7 +286,6 @@ class FlowOpening(OpeningModel):
     """developed: that of steady flow in a cylinder over the opening; womersley: of a periodic flow in it; or flat."""
 
     def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:
-        """Return the condition at an opening."""
         return GivenFlow(domain, opening, vessel, self.flow, self.profile)
 
 
@@ -337,11 +296,9 @@ class PressureOpening(OpeningModel):
     pressure: PressureCurve
 
     def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:
-        """Return the condition at an opening."""
         return Traction(domain, opening, vessel, self.pressure)
 
     def reference(self) -> Callable[[float], float]:
-        """Return the pressure."""
         return self.pressure
 
 
@@ -351,12 +308,10 @@ class FreeOpening(OpeningModel):
     kind: Literal["free"] = "free"
 
     def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:
-        """Return the condition at an opening."""
-        return Traction(domain, opening, vessel, _nothing, developed=False)
+        return Traction(domain, opening, vessel, NOTHING, developed=False)
 
     def reference(self) -> Callable[[float], float]:
-        """Return a pressure of 0."""
-        return _nothing
+        return NOTHING
 
 
 class ResistanceOpening(OpeningModel):
@@ -364,16 +319,10 @@ class ResistanceOpening(OpeningModel):
 
     kind: Literal["resistance"] = "resistance"
     resistance: Resistance
-    distal_pressure: PressureCurve = PressureConstant(value=0.0)
+    distal_pressure: PressureCurve = NOTHING
 
     def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:
-        """Return the condition at an opening."""
         return ResistiveTraction(domain, opening, vessel, self.distal_pressure, self.resistance)
 
     def reference(self) -> Callable[[float], float]:
-        """Return the pressure behind the resistance."""
         return self.distal_pressure
-
-
-def _nothing(_t: float) -> float:
-    return 0.0

@@ -9,7 +9,7 @@ from typing import Any, Self
 import ngsolve as ng
 from pydantic import Field, model_validator
 
-from ngfsi.conditions.condition import OnSolids, Setup, WithValue
+from ngfsi.conditions.condition import WithValue
 from ngfsi.conditions.openings import through
 from ngfsi.config.functions import PressureCurve
 from ngfsi.config.model import ConfigModel
@@ -49,12 +49,13 @@ class Cuff(ConfigModel):
             )
         return self
 
-    def weight(self) -> Any:
-        """Return the fraction of its pressure that acts at a point of the skin."""
-        return terms.part_of_skin(self.start, self.end, self.edge, self.direction, self.half_width)
+    def condition(self, domain: Domain, name: str) -> PressureOn:
+        """Return the condition."""
+        part = terms.part_of_skin(self.start, self.end, self.edge, self.direction, self.half_width)
+        return PressureOn(name, domain, (SKIN,), self.pressure, part)
 
 
-class PressureOn(OnSolids, WithValue):
+class PressureOn(WithValue):
     """A pressure on boundaries, normal to their deformed shape (Pa), times a function of place."""
 
     def __init__(
@@ -71,7 +72,6 @@ class PressureOn(OnSolids, WithValue):
         return self.boundaries == (SKIN,)
 
     def static_integrals(self, m: Any, v: Any) -> list[Integral]:
-        """Return its virtual work for a motion and a test function."""
         domain, grad_m = self._domain, ng.Grad(m)
         if domain.mesh.dim == 3:
             k = self._kinematics(grad_m.Trace())
@@ -87,7 +87,7 @@ class PressureOn(OnSolids, WithValue):
         return Kinematics(0 * grad_m if self._setup.small else grad_m)
 
     def sentence(self) -> str:
-        """Return what acts now; no pressure is not worth a word, least of all on a skin that cuffs press."""
+        """Return what acts now: no pressure is not worth a word, least of all on a skin that cuffs press."""
         return f"{self.value.Get():.4g} Pa {self.name}" if self.value.Get() else ""
 
 
@@ -102,19 +102,13 @@ class BloodReference(WithValue):
         self, vessel: Vessel, domain: Domain, curve: Callable[[float], float], *, one_way: bool = False
     ) -> None:
         super().__init__(f"blood {vessel.name}".strip(), curve)
-        self.vessel, self._domain, self._one_way = vessel, domain, one_way
-        self._acts = vessel.lumen is not None and domain.is_interface(vessel.interface)
+        self._domain, self._lumen, self._wall, self._one_way = domain, str(vessel.lumen), vessel.interface, one_way
+        self._acts = domain.is_interface(vessel.interface)
 
     def excludes_blood(self) -> bool:
-        """Whether the blood's own terms are left out of the equations of the solids."""
         return self._one_way and self._acts
 
-    def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
-        self._setup = setup
-
     def integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
-        """Return the virtual work of the reference pressure on the wall."""
         setup = self._setup
         return self._work(self.value, setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
 
@@ -126,14 +120,12 @@ class BloodReference(WithValue):
     def _work(self, pressure: Any, m: Any, v: Any) -> list[Integral]:
         if not self._acts:
             return []
-        domain, lumen = self._domain, self.vessel.lumen
-        if domain.mesh.dim == 2:
+        if self._domain.mesh.dim == 2:
             work = -terms.follower_pressure(pressure, Kinematics(ng.Grad(m)), ng.specialcf.normal(2), v)
-            assert lumen is not None  # it acts
-            return [through(domain, lumen, self.vessel.interface, work, None)]
-        k, out_of_blood = Kinematics(ng.Grad(m).Trace()), domain.outward_normal(lumen)
-        work = -terms.follower_pressure(pressure, k, out_of_blood, v.Trace())
-        return [Integral([work], domain.ds(self.vessel.interface))]
+            return [through(self._domain, self._lumen, self._wall, work, None)]
+        out_of_blood = self._domain.outward_normal(self._lumen)
+        work = -terms.follower_pressure(pressure, Kinematics(ng.Grad(m).Trace()), out_of_blood, v.Trace())
+        return [Integral([work], self._domain.ds(self._wall))]
 
     def pressure_scale(self) -> float:
         """Return the pressure, where it loads solids."""

@@ -19,8 +19,7 @@ SAMPLES = 128
 def inwards(domain: Domain, opening: str, lumen: str) -> Any:
     """Return the unit normal that points into the blood, mean over an opening: a constant vector."""
     normal = domain.mean_normal(opening)
-    out = domain.outward_normal(lumen) if domain.mesh.dim == 3 else ng.specialcf.normal(2)
-    same = ng.Integrate(out * ng.CF(tuple(normal)) * domain.ds(opening), domain.mesh)
+    same = ng.Integrate(domain.outward_normal(lumen) * ng.CF(tuple(normal)) * domain.ds(opening), domain.mesh)
     return ng.CF(tuple(-np.sign(same) * normal))
 
 

@@ -11,14 +11,7 @@ from ngsolve import GridFunction
 from pydantic import Field
 
 from ngfsi.arrays import Array, Numbers
-from ngfsi.conditions.boundary import boundary_values
-from ngfsi.conditions.condition import (
-    Condition,
-    ConditionModel,
-    OnSolids,
-    Setup,
-    check_components,
-)
+from ngfsi.conditions.condition import Condition, ConditionModel, Setup, check_components
 from ngfsi.config.functions import FactorCurve, FactorRamp
 from ngfsi.errors import CaseError, unknown
 from ngfsi.mesh.domain import Domain
@@ -35,7 +28,7 @@ STIFF = 1e6
 """Stiffness of an end that is held in an oblique direction, over that of the solids."""
 
 
-class Ends(OnSolids):
+class Ends(Condition):
     """Rigid boundaries, and the end faces of a segment.
 
     roller: the end faces slide in their plane; clamped: they are fixed; guided: they move along their normal alone;
@@ -58,7 +51,6 @@ class Ends(OnSolids):
         self._axis = {name: _axis(normal) for name, normal in self._normals.items()}
 
     def fixes(self) -> dict[str, list[str]]:
-        """Return the boundaries of which components of the displacement are fixed."""
         fixed = {"": [*self._rigid, *(self._ends if self._kind == "clamped" else [])]}
         axes = AXES[: self._domain.mesh.dim]
         for name, axis in self._axis.items():
@@ -97,7 +89,6 @@ class Ends(OnSolids):
         return tuple(n for n, h in heights.items() if abs(h - heights[end]) < ALIGNED * domain.geometry.size)
 
     def static_integrals(self, m: Any, v: Any) -> list[Integral]:
-        """Return the springs of oblique ends."""
         found = []
         for name, normal in self._normals.items():
             if self._axis[name] is None and self._domain.geometry.solids:
@@ -121,19 +112,15 @@ class Prescribed(Condition):
     _values: Array
 
     def prescribed(self) -> Numbers:
-        """Return the numbers of the unknowns."""
         return np.asarray(self._numbers)
 
     def prescribe(self, values: Array) -> None:
-        """Write their values."""
         values[self._numbers] = self._values
 
     def state_arrays(self) -> dict[str, Array]:
-        """Return the present values."""
         return {"values": self._values.copy()}
 
     def restore_state(self, arrays: Mapping[str, Array]) -> None:
-        """Take these."""
         self._values = np.array(arrays["values"])
 
 
@@ -148,11 +135,10 @@ class Displacement(Prescribed):
         self._domain, self._displacement, self._factor = domain, displacement, 0.0
 
     def fixes(self) -> dict[str, list[str]]:
-        """Return the boundaries."""
         return {"": list(self._boundaries)}
 
     def attach(self, setup: Setup) -> None:
-        """Find the unknowns and their values (m)."""
+        super().attach(setup)
         space, on = setup.unknowns.space.components[0], self._domain.boundaries(*self._boundaries)
         field = GridFunction(space)
         field.Set(ng.CF(tuple(self._displacement)), definedon=on)
@@ -161,12 +147,10 @@ class Displacement(Prescribed):
         self._values = np.zeros(len(self._given))
 
     def update(self, t: float, load_factor: float = 1.0) -> None:
-        """Take the displacement at time t (s), or a fraction of it."""
         self._factor = load_factor * self._curve(t)
         self._values = self._factor * self._given
 
     def sentence(self) -> str:
-        """Return what acts now."""
         moved = ", ".join(f"{from_si(self._factor * part, 'mm'):.4g}" for part in self._displacement)
         return f"{', '.join(self._boundaries)} moved by ({moved}) mm"
 
@@ -182,7 +166,6 @@ class DisplacementModel(ConditionModel):
     """Factor on it."""
 
     def condition(self, domain: Domain, name: str) -> Displacement:
-        """Return the condition."""
         if wrong := next((one for one in self.boundaries if not domain.has_boundary(one)), None):
             raise CaseError(f"loads.further: {name}: {unknown('boundary', wrong, domain.geometry.boundary_names)}")
         check_components(self.displacement, "displacement", name, domain)
@@ -206,23 +189,38 @@ class SkinMotion(Prescribed):
         self._domain, self._displacement, self._factor = domain, displacement, 1.0
 
     def fixes(self) -> dict[str, list[str]]:
-        """Return the skin."""
         return {"": ["skin"]}
 
     def attach(self, setup: Setup) -> None:
-        """Find the unknowns and their values (m)."""
+        super().attach(setup)
         space = setup.unknowns.space.components[0]
-        given = boundary_values(self._domain, "skin", setup.order, self._displacement)
         self._numbers = np.flatnonzero(list(space.GetDofs(self._domain.boundaries("skin"))))
-        self._given = self._values = given[self._numbers]
+        self._given = self._values = _fit(self._domain, "skin", setup.order, self._displacement)
 
     def update(self, _t: float, load_factor: float = 1.0) -> None:
-        """Take a fraction of the displacement."""
         self._factor, self._values = load_factor, load_factor * self._given
 
     def sentence(self) -> str:
-        """Return what acts now."""
         return f"{self._factor:.0%} of the skin's displacement"
+
+
+def _fit(domain: Domain, boundary: str, order: int, function: Callable[[Array], Array]) -> Array:
+    """Return the unknowns of a plane VectorH1 on a boundary, one component after the other, that fit a function best
+    which NGSolve cannot evaluate.
+
+    Args:
+        function: of points (n, 2) [m] of the reference shape, returns vectors (n, 2).
+    """
+    region, scalar = domain.boundaries(boundary), ng.H1(domain.mesh, order=order)
+    rule = ng.IntegrationRule(ng.SEGM, 2 * order + 1)
+    points = np.asarray(ng.CF((ng.x, ng.y))(domain.mesh.MapToAllElements({ng.SEGM: rule}, region)))
+    numbers = np.flatnonzero(list(scalar.GetDofs(region)))
+    shapes = np.zeros((len(points), len(numbers)))
+    for first, element in zip(range(0, len(points), len(rule)), region.Elements(), strict=True):
+        finite, columns = scalar.GetFE(element), np.searchsorted(numbers, scalar.GetDofNrs(element))
+        for row, point in enumerate(rule, start=first):
+            shapes[row, columns] = np.asarray(finite.CalcShape(*point.point))
+    return np.asarray(np.linalg.lstsq(shapes, function(points), rcond=None)[0].T.ravel())
 
 
 class GivenVelocity(Prescribed):
@@ -233,19 +231,17 @@ class GivenVelocity(Prescribed):
         self.name, self._velocity = opening, velocity
 
     def velocity_on(self) -> tuple[str, ...]:
-        """Return the opening."""
         return (self.name,)
 
     def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
-        self._domain, self._numbers = setup.domain, setup.unknowns.on_opening[self.name]
+        super().attach(setup)
+        self._numbers = setup.unknowns.on_opening[self.name]
         self._field = GridFunction(setup.unknowns.space)
         self._on_opening = self._field.components[setup.unknowns.place(VELOCITY)]
         self._values = np.zeros(len(self._numbers))
 
     def update(self, t: float, load_factor: float = 1.0) -> None:
-        """Take the velocity of time t (s), or a fraction of it."""
-        region = self._domain.boundaries(self.name)
+        region = self._setup.domain.boundaries(self.name)
         self._on_opening.Set(load_factor * self._velocity(t), definedon=region, bonus_intorder=4)
         self._values = np.array(self._field.vec.FV().NumPy()[self._numbers])
 
@@ -255,13 +251,12 @@ class GivenVelocity(Prescribed):
         self._field.vec.FV().NumPy()[self._numbers] = self._values
 
     def sentence(self) -> str:
-        """Return what acts now."""
         return f"a given velocity at '{self.name}'"
 
     def flow_scale(self) -> float:
         """Return the integral of the velocity's size over the opening (m3/s)."""
-        size = ng.Norm(self._on_opening) * self._domain.ds(self.name, bonus_intorder=4)
-        return float(ng.Integrate(size, self._domain.mesh))
+        size = ng.Norm(self._on_opening) * self._setup.domain.ds(self.name, bonus_intorder=4)
+        return float(ng.Integrate(size, self._setup.domain.mesh))
 
 
 class GivenMeshMotion(Prescribed):
@@ -274,12 +269,11 @@ class GivenMeshMotion(Prescribed):
         self._motion = motion
 
     def attach(self, setup: Setup) -> None:
-        """Take what it acts on."""
+        super().attach(setup)
         self._numbers = setup.unknowns.blocks["e"]
         self._field = GridFunction(setup.unknowns.space.components[0])
         self._values = np.zeros(len(self._numbers))
 
     def update(self, t: float, load_factor: float = 1.0) -> None:
-        """Take the motion of time t (s), or a fraction of it."""
         self._field.Set(load_factor * self._motion(t))
         self._values = np.array(self._field.vec.FV().NumPy()[self._numbers])

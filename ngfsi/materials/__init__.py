@@ -13,20 +13,7 @@ from ngfsi.materials.solid.saint_venant_kirchhoff import SaintVenantKirchhoff
 from ngfsi.materials.table import Row, table
 
 __all__ = [
-    "CompressibleNeoHookean",
-    "FluidMaterial",
-    "Hencky",
-    "Law",
-    "MooneyRivlin",
-    "NeoHookean",
-    "Newtonian",
-    "ParameterSet",
-    "Row",
-    "SaintVenantKirchhoff",
-    "SolidLaw",
-    "SolidMaterial",
-    "available_sets",
-    "load_set",
-    "read_set",
-    "table",
-]
+    "CompressibleNeoHookean", "FluidMaterial", "Hencky", "Law", "MooneyRivlin", "NeoHookean", "Newtonian",
+    "ParameterSet", "Row", "SaintVenantKirchhoff", "SolidLaw", "SolidMaterial", "available_sets", "load_set",
+    "read_set", "table",
+]  # fmt: skip

@@ -125,7 +125,7 @@ class VesselProbe:
     def _define(self) -> None:
         system, vessel = self.system, self.vessel
         dx, ds, f, order = self.domain.dx, self.domain.ds, system.fields(), system.unknowns.order
-        k, normal = Kinematics(f.grad_motion), self.domain.outward_normal(vessel.lumen)
+        k, normal = Kinematics(f.grad_motion), self.domain.outward_normal(str(vessel.lumen))
         # both are polynomials of at most this order on each element
         exact = 3 * max(order, self.domain.geometry.curving_order) - 1
         whole = {"bonus_intorder": max(exact - INTEGRATE, 0)}

@@ -93,7 +93,7 @@ class Wall:
         self._region = domain.boundaries(vessel.interface)
         k = Kinematics(ng.BoundaryFromVolumeCF(ng.Grad(self._motion)))
         stress = terms.viscous_stress(system.blood, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity)))
-        area = k.cof * domain.outward_normal(vessel.lumen)
+        area = k.cof * domain.outward_normal(str(vessel.lumen))
         stretch = ng.Norm(area)
         self.stretch = stretch.Compile()
         normal = area / stretch
@@ -240,7 +240,7 @@ class Traction:
         self._residual = system.state.vec.CreateVector()
         self.field = ng.GridFunction(projection.space)
         test, domain = projection.space.TestFunction().Trace(), system.domain
-        area = k.cof * domain.outward_normal(vessel.lumen)
+        area = k.cof * domain.outward_normal(str(vessel.lumen))
         pressure = system.fields().pressure * area
         more = {"bonus_intorder": system.unknowns.order}
         self._known = ng.LinearForm(projection.space)

@@ -84,17 +84,6 @@ class Domain:
         return tuple(vessel.lumen for vessel in self.vessels if vessel.lumen)
 
     @property
-    def fluid(self) -> str:
-        """Name of the region of the blood in the first vessel.
-
-        Raises:
-            RegionError: there is none.
-        """
-        if not self.lumens:
-            raise RegionError(f"{type(self.geometry).__name__} has no fluid")
-        return self.lumens[0]
-
-    @property
     def ends(self) -> tuple[str, ...]:
         """Names of the end faces: openings, and the faces of solids beside them."""
         openings = {name for vessel in self.vessels for name in vessel.openings}
@@ -140,13 +129,13 @@ class Domain:
         """Return the surface measure of boundaries; options as of `ngsolve.ds`."""
         return ngsolve.ds(definedon=self.boundaries(*names), **options)
 
-    def outward_normal(self, region: str | None = None) -> Any:
-        """Return the normal of the reference shape that points out of a region, by default the first blood, on its
-        boundaries.
+    def outward_normal(self, region: str) -> Any:
+        """Return the normal of the reference shape that points out of a region on its boundaries; in the plane only on
+        those of the whole mesh.
 
         NGSolve's own points from one side of a face to the other in an order of the mesh's.
         """
-        number = self.mesh.GetMaterials().index(region or self.fluid) + 1
+        number = self.mesh.GetMaterials().index(region) + 1
         return self._normal(lambda face: face.domin == number)
 
     def outer_normal(self) -> Any:
@@ -156,8 +145,11 @@ class Domain:
 
     def _normal(self, keeps: Callable[[Any], bool]) -> Any:
         """Return NGSolve's normal on faces that keep its direction, and the opposite one on others."""
+        normal = specialcf.normal(self.mesh.dim)
+        if self.mesh.dim == 2:
+            return normal
         faces = [self.mesh.ngmesh.FaceDescriptor(i + 1) for i in range(len(self.mesh.GetBoundaries()))]
-        return CoefficientFunction([1.0 if keeps(face) else -1.0 for face in faces]) * specialcf.normal(3)
+        return CoefficientFunction([1.0 if keeps(face) else -1.0 for face in faces]) * normal
 
     def mean_normal(self, name: str) -> Array:
         """Return the unit vector (dim,) along the mean normal of a boundary, of either sign."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from ngfsi.case import Case
-from ngfsi.conditions import BloodReference, Condition, Cuff, Ends, OpeningModel, PressureOn, SkinMotion
+from ngfsi.conditions import BloodReference, Condition, Ends, OpeningModel, PressureOn, SkinMotion
+from ngfsi.conditions.openings import NOTHING
 from ngfsi.conditions.pressure import SKIN
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain
@@ -16,12 +17,10 @@ def references_of(case: Case, domain: Domain) -> dict[str, BloodReference]:
     first, or 0."""
     one_way = case.conditions.coupling == "one_way"
     found = {}
-    for vessel in domain.vessels:
-        if vessel.lumen is None:
-            continue
+    for vessel in (one for one in domain.vessels if one.lumen):
         given = (case.loads.opening(name) for name in (*vessel.outlets, *vessel.inlets))
         known = (curve for model in given if model and (curve := model.reference()))
-        found[vessel.name] = BloodReference(vessel, domain, next(known, _nothing), one_way=one_way)
+        found[vessel.name] = BloodReference(vessel, domain, next(known, NOTHING), one_way=one_way)
     return found
 
 
@@ -39,7 +38,8 @@ def conditions_of(case: Case, domain: Domain, taken: Collection[str] = ()) -> li
     if given.skin_displacement:
         found.append(SkinMotion(domain, given.skin_displacement))
     elif domain.has_boundary(SKIN):
-        found += [PressureOn("on the skin", domain, (SKIN,), loads.skin_pressure), *_cuffs(loads.cuffs, domain)]
+        found.append(PressureOn("on the skin", domain, (SKIN,), loads.skin_pressure))
+        found += [cuff.condition(domain, f"in cuff {n}") for n, cuff in enumerate(loads.cuffs, start=1)]
     found.append(Ends(domain, given.ends))
     found += [model.condition(domain, f"{model.kind} {n}") for n, model in enumerate(loads.further, start=1)]
     for vessel in domain.vessels:
@@ -52,13 +52,6 @@ def conditions_of(case: Case, domain: Domain, taken: Collection[str] = ()) -> li
     return [condition for condition in found if condition.name not in taken]
 
 
-def _cuffs(cuffs: Collection[Cuff], domain: Domain) -> list[Condition]:
-    return [
-        PressureOn(f"in cuff {n}", domain, (SKIN,), cuff.pressure, cuff.weight())
-        for n, cuff in enumerate(cuffs, start=1)
-    ]
-
-
 def _opening(case: Case, name: str) -> OpeningModel:
     found = case.loads.opening(name)
     if found is None:
@@ -67,7 +60,3 @@ def _opening(case: Case, name: str) -> OpeningModel:
             '"free" or "resistance"'
         )
     return found
-
-
-def _nothing(_t: float) -> float:
-    return 0.0

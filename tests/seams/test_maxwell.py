@@ -108,6 +108,7 @@ class Stretching(Condition):
         return {"": ["skin"]}
 
     def attach(self, setup: Setup) -> None:
+        super().attach(setup)
         space = setup.unknowns.space.components[0]
         field = ng.GridFunction(space)
         field.Set(ng.CF(((STRETCH - 1) * ng.x, 0, 0)))

@@ -11,11 +11,10 @@ from ngfsi_geometry.segment import MeshSettings
 from ngfsi_geometry.tube import BareTube
 
 from ngfsi.case import Materials
-from ngfsi.conditions import Condition, Setup
+from ngfsi.conditions import Condition
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials import CompressibleNeoHookean
-from ngfsi.physics.fields import MOTION
 from ngfsi.physics.integrals import Integral
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
@@ -32,13 +31,6 @@ class Springs(Condition):
 
     def supports(self) -> bool:
         return True
-
-    def attach(self, setup: Setup) -> None:
-        self._setup = setup
-
-    def integrals(self, _elements: Any) -> list[Integral]:
-        setup = self._setup
-        return self.static_integrals(setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
 
     def static_integrals(self, m: Any, v: Any) -> list[Integral]:
         work = STIFFNESS * ng.InnerProduct(m.Trace(), v.Trace())

@@ -55,7 +55,7 @@ def prescribed(order: int, flow: Flow, **changes: Any) -> System:
     system = System(case_of(geometry, **{"materials.fluid": THICK, **changes}), domain_of(geometry))
     randomise(system)
     domain, new, A = system.domain, system.new_weight.Get(), flow.A
-    fluid = domain.materials(domain.fluid)
+    fluid = domain.materials(*domain.lumens)
     m, w, p = (system.named(system.state)[name] for name in (MOTION, VELOCITY, PRESSURE))
     hm, hw = (system.named(system.velocity_history)[name] for name in (MOTION, VELOCITY))
     am = system.named(system.acceleration_history)[MOTION]

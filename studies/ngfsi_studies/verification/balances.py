@@ -61,7 +61,7 @@ class MovingMesh:
         by_mesh = ng.InnerProduct(k.cof, system.new_weight * ng.Grad(motion) + ng.Grad(rate))
         u = system.fields().velocity
         density = by_difference - by_mesh
-        fluid = system.domain.dx(system.domain.fluid, bonus_intorder=2 * system.unknowns.order)
+        fluid = system.domain.dx(*system.domain.lumens, bonus_intorder=2 * system.unknowns.order)
         self._power = system.blood_density / 2 * density * ng.InnerProduct(u, u) * fluid
 
     def power(self, size: float, states: Sequence[Array]) -> float:

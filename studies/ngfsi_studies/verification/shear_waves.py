@@ -138,7 +138,7 @@ class Exact:
                 solid + self.wave.mean_displacement(self.across),
                 inside + self.wave.mean_displacement(INNER),
             )
-        regions = dict.fromkeys(self.domain.geometry.solids, solid) | {self.domain.fluid: inside}
+        regions = dict.fromkeys(self.domain.geometry.solids, solid) | {self.domain.lumens[0]: inside}
         return self.vector(self.domain.mesh.MaterialCF(regions))
 
     def relative(self, t: float) -> Any:
@@ -151,7 +151,7 @@ class Exact:
         parts = system.named(field)
         parts[MOTION].Set(self.displacement(t, rate), bonus_intorder=4)
         if rate == 0:
-            fluid = self.domain.materials(self.domain.fluid)
+            fluid = self.domain.materials(*self.domain.lumens)
             parts[VELOCITY].Set(self.relative(t), definedon=fluid, bonus_intorder=4)
         return np.array(field.vec.FV().NumPy())
 
