@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.measure.probe import Probe
-from ngfsi.measure.quantities import row
+from ngfsi.measure.quantities import columns
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import Step, TimeLoop
 from ngfsi.system.system import System
@@ -36,6 +36,11 @@ class Run:
 
     def __getitem__(self, column: str) -> Array:
         return np.array([row[column] for row in self.rows])
+
+
+def row(probe: Probe) -> dict[str, float]:
+    """Return all quantities of the present state by column."""
+    return {column: evaluate() for column, evaluate in columns(probe).items()}
 
 
 def computed(case: Case) -> Run:

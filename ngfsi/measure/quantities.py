@@ -20,16 +20,9 @@ from ngfsi import registry
 from ngfsi.arrays import Array
 from ngfsi.materials.fluid.law import FluidLaw
 from ngfsi.measure.branch import Branch
-from ngfsi.measure.hole import Hole
 from ngfsi.measure.probe import Probe, VesselProbe
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.shape import Shape
-
-GROUP = "ngfsi.quantities"
-
-
-def _always(_probe: Any) -> bool:
-    return True
 
 
 @dataclass(frozen=True)
@@ -51,7 +44,7 @@ class Quantity:
     unit: str
     description: str
     evaluate: Callable[[Any], float]
-    applies: Callable[[Any], bool] = _always
+    applies: Callable[[Any], bool] = lambda _: True
     of_vessel: bool = False
     station: int | None = None
 
@@ -71,32 +64,41 @@ class Quantity:
             yield self.column(), probe
 
 
-def row(probe: Probe) -> dict[str, float]:
-    """Return all quantities of the present state by column; refresh the probe first."""
-    return {column: evaluate() for column, evaluate in _columns(probe)}
+def columns(probe: Probe) -> dict[str, Callable[[], float]]:
+    """Return what measures the columns of series.csv in the present state, once the probe is refreshed: all quantities
+    that are registered and apply, and those of the regions, openings, holes and outlines that the model has.
 
-
-def _columns(probe: Probe) -> Iterator[tuple[str, Callable[[], float]]]:
-    for quantity in quantities(probe):
-        for column, owner in quantity.owners(probe):
-            if quantity.applies(owner):
-                yield column, partial(quantity.evaluate, owner)
-
-
-def quantities(probe: Probe) -> list[Quantity]:
-    """Return all that are registered, and those of the regions, openings and outlines that a model has."""
-    found: list[Quantity] = []
-    for given in registry.everything(GROUP, "quantity").values():
-        found += [given] if isinstance(given, Quantity) else list(given)
-    found += [_jacobian(region) for region in probe.domain.regions]
+    The latter are the smallest volume ratio det F in each region; of each opening the mean pressure of the blood, and
+    the flow, in the direction of inlet or outlet, where a vessel has more than one of either; of each hole its pressure
+    and volume; in the plane the areas inside of outlines and of regions, and the hydrostatic pressure at the wall's
+    outer face on either side.
+    """
+    found: dict[str, Callable[[], float]] = {}
+    for given in registry.everything("ngfsi.quantities", "quantity").values():
+        for quantity in [given] if isinstance(given, Quantity) else given:
+            found |= {column: partial(quantity.evaluate, owner)
+                      for column, owner in quantity.owners(probe) if quantity.applies(owner)}  # fmt: skip
+    found |= {f"detF_min_{name}_1": partial(probe.deformation.smallest_jacobian, name) for name in probe.domain.regions}
     for vessel in probe.vessels.values():
-        found += [one for name in vessel.vessel.openings for one in _at_opening(vessel, name)]
+        for name in vessel.vessel.openings:
+            found[f"pressure_{name}_Pa"] = partial(vessel.mean_pressure, name)
+            if vessel.vessel.branched:
+                found[f"flow_{name}_m3_s"] = partial(_flow, vessel, name)
     for name, hole in probe.holes.items():
-        found += _of_hole(name, hole)
-    if probe.plane:
-        found += [_enclosed(name) for name in probe.plane.outlines] + [_area(name) for name in probe.domain.regions]
-        found += [_beside_wall(side, region) for side, region in probe.plane.sides.items()]
+        prefix = f"{name}_" if name else ""
+        found[f"pressure_{hole.vessel.interface}_Pa"] = hole.pressure
+        found[f"{prefix}lumen_volume_m3"] = hole.volume
+        found[f"{prefix}lumen_area_mean_m2"] = partial(lambda one: one.volume() / one.length, hole)
+    if plane := probe.plane:
+        found |= {f"{name}_area_m2": partial(plane.enclosed_area, name) for name in plane.outlines}
+        found |= {f"{name}_area_m2": partial(plane.region_area, name) for name in probe.domain.regions}
+        found |= {f"p_{side}_side_Pa": partial(plane.pressure_over, str(plane.outer), region)
+                  for side, region in plane.sides.items()}  # fmt: skip
     return found
+
+
+def _flow(p: VesselProbe, opening: str) -> float:
+    return p.integral(f"flux {opening}") * (-1.0 if opening in p.vessel.inlets else 1.0)
 
 
 def _reynolds(p: VesselProbe) -> float:
@@ -120,66 +122,18 @@ def _developed(p: VesselProbe, flows: Array, shape: Shape | None = None) -> floa
 
 
 def _along(
-    name: str, unit: str, description: str, values: Callable[[Branch], Array],
-    applies: Callable[[Any], bool] = _always,
+    name: str, unit: str, description: str, values: Callable[[Any], Array], **more: Any
 ) -> list[Quantity]:  # fmt: skip
     """Return a quantity at each station along the centrelines; `{}` in the description is its number."""
 
     def at(index: int) -> Quantity:
-        return Quantity(name, unit, description.format(index), lambda branch: float(values(branch)[index]), applies,
-                        station=index)  # fmt: skip
+        return Quantity(name, unit, description.format(index), lambda branch: float(values(branch)[index]),
+                        station=index, **more)  # fmt: skip
 
     return [at(index) for index in range(STATIONS)]
 
 
-def _of_vessel(
-    name: str, unit: str, description: str, evaluate: Callable[[VesselProbe], float],
-    applies: Callable[[Any], bool] = _always,
-) -> Quantity:  # fmt: skip
-    return Quantity(name, unit, description, evaluate, applies, of_vessel=True)
-
-
-def _jacobian(region: str) -> Quantity:
-    return Quantity(f"detF_min_{region}", "1", f"smallest volume ratio det F in {region}",
-                    lambda probe: probe.deformation.smallest_jacobian(region))  # fmt: skip
-
-
-def _at_opening(vessel: VesselProbe, name: str) -> list[Quantity]:
-    """Return flow and mean pressure of an opening; the flow of a single inlet or outlet is `flow_in`, `flow_out`."""
-    openings = vessel.vessel
-    sign = -1.0 if name in openings.inlets else 1.0
-    alone = len(openings.inlets) == len(openings.outlets) == 1
-    pressure = Quantity(f"pressure_{name}", "Pa", f"pressure of the blood, mean over the opening '{name}'",
-                        lambda _: vessel.mean_pressure(name))  # fmt: skip
-    flow = Quantity(f"flow_{name}", "m3_s", f"flow through '{name}', in the direction of inlet or outlet",
-                    lambda _: sign * vessel.integral(f"flux {name}"))  # fmt: skip
-    return [pressure] if alone else [pressure, flow]
-
-
-def _of_hole(name: str, hole: Hole) -> list[Quantity]:
-    prefix = f"{name}_" if name else ""
-    return [
-        Quantity(f"pressure_{hole.vessel.interface}", "Pa", f"pressure in the hole within '{hole.vessel.interface}'",
-                 lambda _: hole.pressure()),
-        Quantity(f"{prefix}lumen_volume", "m3", "volume of the hole", lambda _: hole.volume()),
-        Quantity(f"{prefix}lumen_area_mean", "m2", "volume of the hole over its length",
-                 lambda _: hole.volume() / hole.length),
-    ]  # fmt: skip
-
-
-def _enclosed(name: str) -> Quantity:
-    return Quantity(f"{name}_area", "m2", f"area inside of the outline '{name}'",
-                    lambda probe: probe.plane.enclosed_area(name))  # fmt: skip
-
-
-def _area(region: str) -> Quantity:
-    return Quantity(f"{region}_area", "m2", f"area of the region '{region}'",
-                    lambda probe: probe.plane.region_area(region))  # fmt: skip
-
-
-def _beside_wall(side: str, region: str) -> Quantity:
-    return Quantity(f"p_{side}_side", "Pa", f"hydrostatic pressure at the outer face of the vein wall, {side} side",
-                    lambda probe: probe.plane.pressure_over(probe.plane.outer, region))  # fmt: skip
+_of_vessel = partial(Quantity, of_vessel=True)
 
 
 def _given_outlet(p: VesselProbe) -> float:
@@ -203,21 +157,13 @@ def _unbranched(p: VesselProbe) -> bool:
     return not _branched(p)
 
 
-def _has_wall(p: VesselProbe) -> bool:
-    return p.vessel.wall is not None
-
-
-def _pressed(p: Probe) -> bool:
-    return p.pressed
-
-
 SYSTEM: tuple[Quantity, ...] = (
     Quantity("skin_pressure", "Pa", "pressure everywhere on the skin, without cuffs",
-             lambda p: p.given("on the skin"), _pressed),
+             lambda p: p.given("on the skin"), lambda p: p.pressed),
     Quantity("skin_pressure_mean", "Pa", "pressure on the skin, cuffs included, mean over its area",
-             lambda p: p.mean_skin_pressure(), _pressed),
+             lambda p: p.mean_skin_pressure(), lambda p: p.pressed),
     Quantity("skin_pressure_max", "Pa", "largest pressure on the skin, cuffs included",
-             lambda p: p.largest_skin_pressure(), _pressed),
+             lambda p: p.largest_skin_pressure(), lambda p: p.pressed),
     Quantity("displacement_max", "m", "largest displacement of the solids",
              lambda p: p.deformation.largest_displacement(), lambda p: bool(p.system.solids)),
 )  # fmt: skip
@@ -234,10 +180,10 @@ VESSEL: tuple[Quantity, ...] = (
     _of_vessel("wss_max", "Pa", "largest wall shear stress", lambda p: p.shear.largest),
     _of_vessel("wss_low_area", "1", "fraction of the wall's area with low wall shear stress", lambda p: p.shear.low),
     *_along("wss", "Pa", "wall shear stress, mean around station {}", lambda p: p.sections.shears),
-    *_along("flow", "m3_s", "flow through station {}, towards the outlet", lambda p: p.flows, _branched),
+    *_along("flow", "m3_s", "flow through station {}, towards the outlet", lambda p: p.flows, applies=_branched),
     *_along("p_blood", "Pa", "pressure of the blood on the axis at station {}", lambda p: p.sections.blood),
     *_along("p_transmural", "Pa", "pressure of the blood less that of the tissue on the wall (normal traction), at "
-            "station {}", lambda p: p.sections.blood - p.load.tissue, _has_load),  # type: ignore[union-attr]
+            "station {}", lambda p: p.sections.blood - p.load.tissue, applies=_has_load),
     _of_vessel("sawss_consistent", "Pa", "SAWSS from the balance of momentum instead of the gradient of the velocity",
                lambda p: p.consistent_shear.mean),
     _of_vessel("sawss_poiseuille_inlet", "Pa",
@@ -253,7 +199,7 @@ VESSEL: tuple[Quantity, ...] = (
     _of_vessel("p_wall_side", "Pa", "hydrostatic pressure at the outer face of the vein wall, wall side",
                lambda p: p.solid_pressure(str(p.vessel.wall), "outer"), _has_load),
     _of_vessel("p_wall_mean", "Pa", "hydrostatic pressure, mean over the vein wall",
-               lambda p: p.solid_pressure(str(p.vessel.wall)), _has_wall),
+               lambda p: p.solid_pressure(str(p.vessel.wall)), lambda p: p.vessel.wall is not None),
     _of_vessel("flow_in", "m3_s", "flow through the inlet", lambda p: p.inflow()),
     _of_vessel("flow_out", "m3_s", "flow through the outlet", lambda p: p.outflow()),
     _of_vessel("lumen_volume_rate", "m3_s", "rate of the lumen's volume", lambda p: p.integral("lumen rate")),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ngfsi.case import Case
 from ngfsi.errors import SolverError
 from ngfsi.measure.probe import Probe
-from ngfsi.measure.quantities import row
+from ngfsi.measure.quantities import columns
 from ngfsi.measure.shape import Shape
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.physics.fields import MOTION
@@ -59,11 +59,13 @@ class Series(Observer):
 
     def __init__(self, probe: Probe, folder: RunFolder, watch: Stopwatch) -> None:
         self._probe, self._folder, self._watch = probe, folder, watch
+        self._columns = columns(probe)
 
     def look(self, time: float, step: Step | None) -> None:
         with self._watch("measures"):
             self._probe.refresh()
-            self._folder.append("series", {"time_s": time, "step_s": step.size if step else 0.0, **row(self._probe)})
+            row = {column: evaluate() for column, evaluate in self._columns.items()}
+            self._folder.append("series", {"time_s": time, "step_s": step.size if step else 0.0, **row})
         if step:
             self._folder.append("costs", step.cost())
             for warning in self._probe.deformation.approaching():

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.measure.probe import Probe
-from ngfsi.measure.quantities import row
 from ngfsi.measure.shape import Shape
 from ngfsi.system.system import System
+from tests.runs import row
 from tests.vein import BLOOD, BONED, TISSUE, case_of, position, sections_of, set_motion, system_of, value_of
 
 Array = NDArray[np.float64]

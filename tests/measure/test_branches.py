@@ -17,7 +17,6 @@ from ngfsi.conditions import FlowOpening, PressureOpening
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.errors import OutputError
 from ngfsi.measure.probe import Probe
-from ngfsi.measure.quantities import row
 from ngfsi.registry import register
 from ngfsi.report import charts
 from ngfsi.report.html import report
@@ -26,6 +25,7 @@ from ngfsi.run import run
 from ngfsi.store.stored import StoredRun
 from ngfsi.system.system import System
 from tests.lumens import Tubes
+from tests.runs import row
 from tests.vein import BLOOD, domain_of, probe_of
 
 Array = NDArray[np.float64]

@@ -15,11 +15,11 @@ from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.ellipticity import Ellipticity
 from ngfsi.measure.energy import Energy
 from ngfsi.measure.probe import Probe
-from ngfsi.measure.quantities import row
 from ngfsi.measure.stability import Stability
 from ngfsi.run.observers import volume_fields
 from ngfsi.store.fields import DEFORMATION, STRESS
 from ngfsi.system.system import System
+from tests.runs import row
 from tests.vein import COARSE, WALL, BonedTube, case_of, position, set_motion, system_of, value_of
 
 Array = NDArray[np.float64]

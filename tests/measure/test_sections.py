@@ -11,10 +11,10 @@ from ngfsi_geometry.segment import MeshSettings
 from numpy.typing import NDArray
 
 from ngfsi.measure.probe import Probe
-from ngfsi.measure.quantities import row
 from ngfsi.measure.shape import Shape
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.system.system import System
+from tests.runs import row
 from tests.vein import COARSE, TUBE, BonedTube, case_of, position, probe_of, sections_of, set_motion, system_of
 
 Array = NDArray[np.float64]

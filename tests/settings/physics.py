@@ -22,7 +22,6 @@ from ngfsi.conditions import Condition, ConditionModel, Cuff, PressureOn
 from ngfsi.config import functions as curves
 from ngfsi.materials import MooneyRivlin, NeoHookean, SaintVenantKirchhoff
 from ngfsi.measure.probe import Probe
-from ngfsi.measure.quantities import row
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.physics.fields import VELOCITY
@@ -30,6 +29,7 @@ from ngfsi.registry import register
 from ngfsi.report import terminal
 from ngfsi.solve.statics import equilibrium, section_case
 from ngfsi.system.system import System
+from tests.runs import row
 from tests.settings.table import Outcome, entry
 from tests.vein import BLOOD, BONED, TISSUE, TUBE, case_of, domain_of, position, rows, set_motion, steady, system_of
 
