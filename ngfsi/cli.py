@@ -228,10 +228,9 @@ def materials() -> None:
 
     Initial moduli, and what is odd about them.
     """
-    from ngfsi.materials import table
     from ngfsi.report import terminal as summary
 
-    summary.console().print(summary.materials(table()))
+    summary.console().print(summary.materials())
 
 
 @app.command()

@@ -10,10 +10,9 @@ from ngfsi.materials.solid.law import SolidLaw
 from ngfsi.materials.solid.mooney_rivlin import MooneyRivlin
 from ngfsi.materials.solid.neo_hookean import NeoHookean
 from ngfsi.materials.solid.saint_venant_kirchhoff import SaintVenantKirchhoff
-from ngfsi.materials.table import Row, table
 
 __all__ = [
     "CompressibleNeoHookean", "FluidMaterial", "Hencky", "Law", "MooneyRivlin", "NeoHookean", "Newtonian",
-    "ParameterSet", "Row", "SaintVenantKirchhoff", "SolidLaw", "SolidMaterial", "available_sets", "load_set",
-    "read_set", "table",
+    "ParameterSet", "SaintVenantKirchhoff", "SolidLaw", "SolidMaterial", "available_sets", "load_set",
+    "read_set",
 ]  # fmt: skip

@@ -17,12 +17,15 @@ from ngfsi import registry
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import MaterialError, unknown
 from ngfsi.materials.law import Law
+from ngfsi.materials.solid.law import SolidLaw
 from ngfsi.units import Pressure
 
 SOLIDS, FLUIDS = "ngfsi.solid_laws", "ngfsi.fluid_laws"
 """Groups of the registry, in which laws have the names of their tag `law`."""
 FOLDER = files("ngfsi.materials") / "sets"
 STATED = "stated_"
+MISMATCH = 0.01
+"""Relative difference from which a stated modulus counts as another one."""
 
 
 class Stated(ConfigModel):
@@ -43,6 +46,20 @@ class ParameterSet:
     remark: str
     material: Law
     stated: Stated
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """What is odd about it, a phrase each."""
+        law = self.material
+        if not isinstance(law, SolidLaw):
+            return ()
+        flags = ["negative Poisson ratio"] if (law.poissons_ratio or 0.0) < 0 else []
+        for name in Stated.model_fields:
+            stated, actual = getattr(self.stated, name), getattr(law, name)
+            if stated is not None and abs(stated - actual) > MISMATCH * actual:
+                words = name.replace("youngs", "Young's").replace("_", " ")
+                flags.append(f"stated {words} {stated / 1e3:.4g} kPa is not the initial {words} {actual / 1e3:.4g} kPa")
+        return tuple(flags)
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import ngsolve
@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ngfsi.case import Case
 from ngfsi.linear.backends import BACKENDS, choose_backend
-from ngfsi.materials import Row
+from ngfsi.materials import available_sets, read_set
 from ngfsi.mesh.generate import cache_folder
 from ngfsi.report.tables import flat
 from ngfsi.store.provenance import named_commit, versions
@@ -66,21 +66,24 @@ def installation() -> RenderableType:
     return _pairs(facts)
 
 
-def materials(rows: Iterable[Row]) -> RenderableType:
+def materials() -> RenderableType:
     """Return the parameter sets with their initial moduli, and what is odd about them."""
-    listed = list(rows)
-    table = Table("set", "law", *(Column(head, justify="right") for head in _HEADS), title="Parameter sets")
-    for row in listed:
-        moduli = (row.shear_modulus, row.bulk_modulus, row.youngs_modulus)
-        viscosity = "" if row.viscosity is None else f"{row.viscosity * 1e3:.4g}"
-        ratio = "" if row.poissons_ratio is None else f"{row.poissons_ratio:.3f}"
-        numbers = ["" if value is None else f"{value / 1e3:.4g}" for value in moduli]
-        table.add_row(row.name, row.law, *numbers, ratio, f"{row.density:g}", viscosity)
-    odd = [Text(f"! {row.name}: {flag}", style="yellow") for row in listed for flag in row.flags]
+    table = Table("set", "law", *(Column(head, justify="right") for head in _NUMBERS), title="Parameter sets")
+    listed = [read_set(name) for name in available_sets()]
+    for entry in listed:
+        values = ((getattr(entry.material, name, None), factor, form) for name, factor, form in _NUMBERS.values())
+        numbers = ("" if value is None else f"{value * factor:{form}}" for value, factor, form in values)
+        table.add_row(entry.name, entry.material.law, *numbers)
+    odd = [Text(f"! {entry.name}: {flag}", style="yellow") for entry in listed for flag in entry.flags]
     return Group(table, *odd)
 
 
-_HEADS = ("G0 kPa", "K0 kPa", "E0 kPa", "nu0", "kg/m3", "mPa s")
+_NUMBERS: dict[str, tuple[str, float, str]] = {
+    "G0 kPa": ("shear_modulus", 1e-3, ".4g"), "K0 kPa": ("bulk_modulus", 1e-3, ".4g"),
+    "E0 kPa": ("youngs_modulus", 1e-3, ".4g"), "nu0": ("poissons_ratio", 1, ".3f"),
+    "kg/m3": ("density", 1, "g"), "mPa s": ("nominal_viscosity", 1e3, ".4g"),
+}  # fmt: skip
+"""Head -> attribute of a law, factor from SI, digits."""
 _SHOWN = ("case", "case_digest", "status", "reason", "versions", "commit", "vessels")
 
 

@@ -20,14 +20,11 @@ class Newtonian(FluidLaw):
     viscosity: Viscosity = Field(gt=0)
 
     def viscosity_at(self, _shear_rate: Any) -> float:
-        """Return the viscosity (Pa s)."""
         return self.viscosity
 
     def apparent_viscosity(self, _twice_D: Any) -> float:
-        """Return the viscosity (Pa s)."""
         return self.viscosity
 
     @property
     def nominal_viscosity(self) -> float:
-        """The viscosity (Pa s)."""
         return self.viscosity

@@ -22,6 +22,5 @@ class CompressibleNeoHookean(LinearAtRest, IsotropicLaw):
     law: Literal["compressible_neo_hookean"] = "compressible_neo_hookean"
 
     def energies_of(self, strain: Invariants) -> Pair:
-        """Return the stored energy (J per m3 of reference volume): of shear modulus, and of lambda."""
         ln_J = log(strain.J)
         return self.shear_modulus / 2 * (strain.I1 - 3 - 2 * ln_J), self.lame / 2 * ln_J**2

@@ -27,7 +27,6 @@ class Hencky(LinearAtRest):
     law: Literal["hencky"] = "hencky"
 
     def energies(self, F: CoefficientFunction) -> Pair:
-        """Return the stored energy (J per m3 of reference volume): of distortion, and of dilation."""
         J = Det(F)
         strain = logarithm(J ** (-2 / 3) * right_cauchy_green(F)) / 2
         return self.shear_modulus * InnerProduct(strain, strain), self.bulk_modulus / 2 * log(J) ** 2

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import ngsolve as ng
 from ngsolve import CoefficientFunction, Cof, InnerProduct, Parameter
@@ -18,7 +18,6 @@ from pydantic import Field
 
 from ngfsi.arrays import Array
 from ngfsi.materials.law import Law
-from ngfsi.materials.solid import moduli
 from ngfsi.materials.solid.strain import Invariants, right_cauchy_green
 from ngfsi.units import Density
 
@@ -110,16 +109,14 @@ class SolidLaw(Law, SolidModel):
     @property
     def youngs_modulus(self) -> float | None:
         """Initial Young's modulus (Pa), where there are the others."""
-        return _of(moduli.young, self.shear_modulus, self.bulk_modulus)
+        G, K = self.shear_modulus, self.bulk_modulus
+        return None if G is None or K is None else 9 * K * G / (3 * K + G)
 
     @property
     def poissons_ratio(self) -> float | None:
         """Initial Poisson ratio, where there are moduli."""
-        return _of(moduli.poisson, self.shear_modulus, self.bulk_modulus)
-
-
-def _of(formula: Any, shear: float | None, bulk: float | None) -> float | None:
-    return None if shear is None or bulk is None else float(formula(shear, bulk))
+        G, K = self.shear_modulus, self.bulk_modulus
+        return None if G is None or K is None else (3 * K - 2 * G) / (2 * (3 * K + G))
 
 
 class IsotropicLaw(SolidLaw):
@@ -137,17 +134,14 @@ class IsotropicLaw(SolidLaw):
         """Return the parts of the stored energy (J per m3 of reference volume), as of `energies`."""
 
     def energies(self, F: CoefficientFunction) -> Pair:
-        """Return the parts of the stored energy (J per m3 of reference volume) at the deformation gradient F (3x3)."""
         return self.energies_of(Invariants.of(F))
 
     def variations(self, F: CoefficientFunction, H: CoefficientFunction) -> Pair:
-        """Return the derivatives of the parts of the energy at F in the direction H; `variation` is their sum."""
         strain = Invariants.of(F)
         rest, bulk = self.energies_of(strain)
         return _variation(rest, strain, F, H), _variation(bulk, strain, F, H)
 
     def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
-        """Return P : H, the derivative of the energy at F in the direction H."""
         strain = Invariants.of(F)
         return _variation(sum(self.energies_of(strain)), strain, F, H)
 

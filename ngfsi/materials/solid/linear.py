@@ -1,4 +1,7 @@
-"""Base of the laws that are given by Young's modulus and Poisson ratio and differ only at finite strain."""
+"""Base of the laws that are given by Young's modulus and Poisson ratio and differ only at finite strain.
+
+Relations between the constants: any textbook, e.g. Landau and Lifshitz, vol. 7, section 5.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from ngfsi.materials.solid import moduli
 from ngfsi.materials.solid.law import SolidLaw
 from ngfsi.units import Pressure
 
@@ -22,14 +24,13 @@ class LinearAtRest(SolidLaw):
     @property
     def shear_modulus(self) -> float:
         """Initial shear modulus (Pa), Lame's mu."""
-        return moduli.shear(self.young, self.poisson)
+        return self.young / (2 * (1 + self.poisson))
 
     @property
     def bulk_modulus(self) -> float:
-        """Initial bulk modulus (Pa)."""
-        return moduli.bulk(self.young, self.poisson)
+        return self.young / (3 * (1 - 2 * self.poisson))
 
     @property
     def lame(self) -> float:
         """Lame's first constant lambda (Pa)."""
-        return moduli.lame(self.young, self.poisson)
+        return self.young * self.poisson / ((1 + self.poisson) * (1 - 2 * self.poisson))

@@ -38,17 +38,14 @@ class MooneyRivlin(IsotropicLaw):
         return self
 
     def energies_of(self, strain: Invariants) -> Pair:
-        """Return the stored energy (J per m3 of reference volume): of distortion, and of dilation."""
         I1, I2 = strain.isochoric
         distortion = self.c10 * (I1 - 3) + self.c01 * (I2 - 3) + self.c11 * (I1 - 3) * (I2 - 3)
         return distortion, self.K / 2 * (strain.J - 1) ** 2
 
     @property
     def shear_modulus(self) -> float:
-        """Initial shear modulus (Pa)."""
         return 2 * (self.c10 + self.c01)
 
     @property
     def bulk_modulus(self) -> float:
-        """Initial bulk modulus (Pa)."""
         return self.K

@@ -31,16 +31,13 @@ class NeoHookean(IsotropicLaw):
     volumetric: Literal["K=Kv", "K=2Kv"]
 
     def energies_of(self, strain: Invariants) -> Pair:
-        """Return the stored energy (J per m3 of reference volume): of distortion, and of dilation."""
         I1, J = strain.isochoric[0], strain.J
         return self.C10 * (I1 - 3), self.bulk_modulus / 2 * ((J * J - 1) / 2 - log(J))
 
     @property
     def shear_modulus(self) -> float:
-        """Initial shear modulus (Pa)."""
         return 2 * self.C10
 
     @property
     def bulk_modulus(self) -> float:
-        """Initial bulk modulus (Pa)."""
         return self.Kv if self.volumetric == "K=Kv" else 2 * self.Kv

@@ -23,7 +23,6 @@ class SaintVenantKirchhoff(LinearAtRest, IsotropicLaw):
     law: Literal["saint_venant_kirchhoff"] = "saint_venant_kirchhoff"
 
     def energies_of(self, strain: Invariants) -> Pair:
-        """Return the stored energy (J per m3 of reference volume): of shear modulus, and of lambda."""
         I1, I2, _ = strain
         trace = (I1 - 3) / 2
         square = (I1 * I1 - 2 * I2 - 2 * I1 + 3) / 4  # E : E, since C : C = I1^2 - 2 I2

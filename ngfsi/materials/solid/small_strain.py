@@ -25,18 +25,15 @@ class SmallStrain(SolidModel):
         self.density, self._shear, self._bulk = law.density, law.shear_modulus, law.bulk_modulus
 
     def energies(self, F: CoefficientFunction) -> Pair:
-        """Return the stored energy (J per m3 of reference volume): of distortion, and of dilation."""
         distortion, dilation = self.variations(F, _strain(F))
         return distortion / 2, dilation / 2
 
     def variations(self, F: CoefficientFunction, H: CoefficientFunction) -> Pair:
-        """Return the parts of `variation` of distortion and of dilation."""
         e = _strain(F)
         distortion = 2 * self._shear * (e - Trace(e) / 3 * Id(3))
         return InnerProduct(distortion, H), self._bulk * Trace(e) * Trace(H)
 
     def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
-        """Return sigma : H, the derivative of the energy at F in the direction H."""
         return sum(self.variations(F, H))
 
 
