@@ -103,18 +103,11 @@ class Shape:
         spreading, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
         ratio = np.sqrt((mean + spreading) / (mean - spreading))
         size = np.sqrt(area / np.pi)
-        found = cls(
-            centre=centre,
-            axis=along,
-            area=area,
-            perimeter=perimeter,
-            hydraulic_diameter=4 * area / perimeter,
-            circularity=4 * np.pi * area / perimeter**2,
-            major=size * np.sqrt(ratio),
-            minor=size / np.sqrt(ratio),
+        return cls(
+            centre=centre, axis=along, area=area, perimeter=perimeter, hydraulic_diameter=4 * area / perimeter,
+            circularity=4 * np.pi * area / perimeter**2, major=size * np.sqrt(ratio), minor=size / np.sqrt(ratio),
             angle=np.arctan2(2 * xy, xx - yy) / 2,
-        )
-        return found._taken(those)
+        )._taken(those)  # fmt: skip
 
     def _taken(self, numbers: Numbers) -> Self:
         """Return the shapes of those sections."""
@@ -122,18 +115,10 @@ class Shape:
 
     def rows(self, of: Mapping[str, float]) -> list[dict[str, float]]:
         """Return a row of a table for each station, each of which begins with the columns `of`."""
-        return [
-            {
-                **of,
-                "station": station,
-                **{f"centre_{name}_m": float(self.centre[station, i]) for i, name in enumerate("xyz")},
-                "area_m2": float(self.area[station]),
-                "perimeter_m": float(self.perimeter[station]),
-                "hydraulic_diameter_m": float(self.hydraulic_diameter[station]),
-                "circularity_1": float(self.circularity[station]),
-                "major_semiaxis_m": float(self.major[station]),
-                "minor_semiaxis_m": float(self.minor[station]),
-                "major_angle_rad": float(self.angle[station]),
-            }
-            for station in range(len(self.area))
-        ]
+        columns = {f"centre_{name}_m": part for name, part in zip("xyz", self.centre.T, strict=True)} | {
+            "area_m2": self.area, "perimeter_m": self.perimeter, "hydraulic_diameter_m": self.hydraulic_diameter,
+            "circularity_1": self.circularity, "major_semiaxis_m": self.major, "minor_semiaxis_m": self.minor,
+            "major_angle_rad": self.angle,
+        }  # fmt: skip
+        return [{**of, "station": station} | {name: float(values[station]) for name, values in columns.items()}
+                for station in range(len(self.area))]  # fmt: skip

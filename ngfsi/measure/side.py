@@ -34,19 +34,12 @@ class Side:
         space = ng.VectorH1(system.domain.mesh, order=system.unknowns.order, definedon=region)
         here = same_functions(system.domain, space, system.unknowns.space.components[0], region)
         self._there, self._numbers = np.flatnonzero(here >= 0), here[here >= 0]
-        self._displacement, self._relaxation = system.state.components[0], system.relaxation
-        self._copies = {name: ng.GridFunction(space) for name in ("displacement", "relaxation")}
-        gradients = {name: ng.BoundaryFromVolumeCF(ng.Grad(copy)) for name, copy in self._copies.items()}
-        self.motion = Kinematics(gradients["displacement"])
-        self.strain: Any = self.motion.F
-        if self._relaxation is not None:
-            self.strain = self.motion.F * Inv(Kinematics(gradients["relaxation"]).F)
+        fields = [field for field in (system.motion, system.relaxation) if field is not None]
+        self._copies = [(field, ng.GridFunction(space)) for field in fields]
+        self.motion, *relaxation = (Kinematics(ng.BoundaryFromVolumeCF(ng.Grad(copy))) for _, copy in self._copies)
+        self.strain: Any = self.motion.F * Inv(relaxation[0].F) if relaxation else self.motion.F
 
     def refresh(self) -> None:
         """Take the system's present state."""
-        self._copy(self._displacement, self._copies["displacement"])
-        if self._relaxation is not None:
-            self._copy(self._relaxation, self._copies["relaxation"])
-
-    def _copy(self, field: Any, copy: Any) -> None:
-        copy.vec.FV().NumPy()[self._there] = field.vec.FV().NumPy()[self._numbers]
+        for field, copy in self._copies:
+            copy.vec.FV().NumPy()[self._there] = field.vec.FV().NumPy()[self._numbers]

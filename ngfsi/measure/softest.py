@@ -32,41 +32,8 @@ class SoftestMode:
         return {"time_s": time, "softest_stiffness_1": self.stiffness, "softest_x_m": x, "softest_y_m": y}
 
 
-def softest_mode(system: System) -> SoftestMode:
-    """Return the lowest eigenvalue of the tangent stiffness against the integral of G grad u : grad v, and its mode.
-
-    From order 3 on interior unknowns follow the others, and count in the integral no more than those say.
-
-    Raises:
-        SolverError: no eigenvalue was found.
-    """
-    tangent, space, domain = system.tangent, system.unknowns.space, system.domain
-    free = system.unknowns.free() & np.array(list(space.FreeDofs(tangent.condense)))
-    tangent.AssembleLinearization(system.state.vec)
-    shear = ng.BilinearForm(space, check_unused=False)
-    trial, test = (parts[0] for parts in space.TnT())
-    for name in domain.geometry.solids:
-        modulus = system.case.materials.law_of(name).shear_modulus
-        shear += modulus * ng.InnerProduct(ng.Grad(trial), ng.Grad(test)) * domain.dx(name)
-    shear.Assemble()
-    chosen = np.flatnonzero(free)
-    stiffness, mass = (csr(form.mat)[chosen][:, chosen].tocsc() for form in (tangent, shear))
-    try:
-        values, modes = eigs(stiffness, k=2, M=mass, sigma=0.0, v0=np.ones(len(chosen)))
-    except (ArpackError, RuntimeError) as error:
-        raise SolverError(f"no softest mode was found: {error}") from None
-    lowest = int(np.argmin(values.real))
-    whole = np.zeros(space.ndof)
-    whole[chosen] = modes[:, lowest].real
-    # the first functions of each component are those of the vertices
-    size, vertices = space.components[0].ndof // domain.mesh.dim, domain.mesh.nv
-    moved = np.hypot(whole[:vertices], whole[size : size + vertices])
-    x, y = domain.mesh.vertices[int(np.argmax(moved))].point[:2]
-    return SoftestMode(float(values[lowest].real), (float(x), float(y)))
-
-
 class Softness:
-    """The softest mode of a system, stage by stage; no stage depends on another."""
+    """The softest mode of a system, stage by stage."""
 
     mode = None
 
@@ -74,15 +41,40 @@ class Softness:
         self._system = system
 
     def refresh(self) -> SoftestMode:
-        """Return that of the present state.
+        """Return the lowest eigenvalue of the tangent stiffness in the present state against the integral of
+        G grad u : grad v, and its mode.
+
+        From order 3 on interior unknowns follow the others, and count in the integral no more than those say.
 
         Raises:
             SolverError: no eigenvalue was found.
         """
-        return softest_mode(self._system)
+        system, tangent, domain = self._system, self._system.tangent, self._system.domain
+        space = system.unknowns.space
+        chosen = np.flatnonzero(system.unknowns.free() & np.array(list(space.FreeDofs(tangent.condense))))
+        tangent.AssembleLinearization(system.state.vec)
+        shear = ng.BilinearForm(space, check_unused=False)
+        trial, test = (parts[0] for parts in space.TnT())
+        for name in domain.geometry.solids:
+            modulus = system.case.materials.law_of(name).shear_modulus
+            shear += modulus * ng.InnerProduct(ng.Grad(trial), ng.Grad(test)) * domain.dx(name)
+        shear.Assemble()
+        stiffness, mass = (csr(form.mat)[chosen][:, chosen].tocsc() for form in (tangent, shear))
+        try:
+            values, modes = eigs(stiffness, k=2, M=mass, sigma=0.0, v0=np.ones(len(chosen)))
+        except (ArpackError, RuntimeError) as error:
+            raise SolverError(f"no softest mode was found: {error}") from None
+        lowest = int(np.argmin(values.real))
+        whole = np.zeros(space.ndof)
+        whole[chosen] = modes[:, lowest].real
+        # the first functions of each component are those of the vertices
+        size, vertices = space.components[0].ndof // domain.mesh.dim, domain.mesh.nv
+        moved = np.hypot(whole[:vertices], whole[size : size + vertices])
+        x, y = domain.mesh.vertices[int(np.argmax(moved))].point[:2]
+        return SoftestMode(float(values[lowest].real), (float(x), float(y)))
 
     def arrays(self) -> dict[str, Array]:
-        """Return nothing."""
+        """Return nothing: no stage depends on another."""
         return {}
 
     def restore(self, _arrays: object) -> None:

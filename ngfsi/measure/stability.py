@@ -57,13 +57,8 @@ class Stage:
 
     def row(self, time: float) -> dict[str, float]:
         """Return a row of a table; time in s."""
-        return {
-            "time_s": time,
-            "skin_pressure_Pa": self.pressure,
-            "smallest_eigenvalue_1_s2": self.eigenvalue,
-            "critical_skin_pressure_Pa": self.critical,
-            "wall_share_of_mode_1": self.wall_share,
-        }
+        return {"time_s": time, "skin_pressure_Pa": self.pressure, "smallest_eigenvalue_1_s2": self.eigenvalue,
+                "critical_skin_pressure_Pa": self.critical, "wall_share_of_mode_1": self.wall_share}  # fmt: skip
 
 
 class Before(NamedTuple):

@@ -110,7 +110,7 @@ class Wall:
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
         self._gradient = k.F
         self._normal = normal.Compile()
-        self._points = self._map(_rules(lambda shape: ng.IntegrationRule(shape, 2 * order)))
+        self._points = self._map({kind: ng.IntegrationRule(kind, 2 * order) for kind in (ng.QUAD, ng.TRIG)})
 
     def refresh(self) -> None:
         """Take the system's present state."""
@@ -148,17 +148,14 @@ class Wall:
 
         Triangles (tetrahedral meshes) are sampled as degenerate quadrilaterals.
         """
-        corners, weights = _grid(refinement)
-        rules = {
-            ng.ET.QUAD: ng.IntegrationRule([tuple(c) for c in corners], weights),
-            ng.ET.TRIG: ng.IntegrationRule([(s * (1 - t), t) for s, t in corners], weights),
-        }
-        at = self._map(rules)
-        position = ng.CF((ng.x, ng.y, ng.z)) + self._motion
-        points = np.asarray(position(at))
-        per_element = len(corners)
-        first = np.arange(0, len(points), per_element)
-        quads = (first[:, None, None] + _cells(refinement)[None]).reshape(-1, 4)
+        ticks = np.linspace(0.0, 1.0, refinement + 1).tolist()
+        corners = [(s, t) for t in ticks for s in ticks]
+        places = {ng.ET.QUAD: corners, ng.ET.TRIG: [(s * (1 - t), t) for s, t in corners]}
+        at = self._map({kind: ng.IntegrationRule(inside, [1.0] * len(inside)) for kind, inside in places.items()})
+        points = np.asarray((ng.CF((ng.x, ng.y, ng.z)) + self._motion)(at))
+        first, row = np.arange(0, len(points), len(corners)), refinement + 1
+        cells = np.add.outer(row * np.arange(refinement), np.arange(refinement)).ravel()
+        quads = np.add.outer(np.add.outer(first, cells), [0, 1, row + 1, row]).reshape(-1, 4)
         pressure = self.system.blood_pressure(self.vessel.name)
         shear, normal = np.asarray(self.shear(at)), np.asarray(self._normal(at))
         along = np.asarray(self._along(at))
@@ -245,9 +242,8 @@ class Traction:
         more = {"bonus_intorder": system.unknowns.order}
         self._known = ng.LinearForm(projection.space)
         self._known += (pressure * test).Compile() * domain.ds(vessel.interface, **more)
-        for name in set(system.unknowns.on_opening) & set(
-            vessel.openings
-        ):  # what holds the prescribed velocity, on functions of the rim
+        # what holds the prescribed velocity, on functions of the rim
+        for name in set(system.unknowns.on_opening) & set(vessel.openings):
             self._known += ((pressure - stress * area) * test).Compile() * domain.ds(name, **more)
 
     def refresh(self) -> None:
@@ -256,19 +252,3 @@ class Traction:
         self._known.Assemble()
         known = self._known.vec.FV().NumPy()
         self._projection.solve(known + self._residual.FV().NumPy()[: len(known)], self.field)
-
-
-def _rules(make: Any) -> dict[Any, Any]:
-    return {ng.ET.QUAD: make(ng.QUAD), ng.ET.TRIG: make(ng.TRIG)}
-
-
-def _grid(refinement: int) -> tuple[Array, list[float]]:
-    ticks = np.linspace(0.0, 1.0, refinement + 1)
-    corners = np.array([(s, t) for t in ticks for s in ticks])
-    return corners, [1.0] * len(corners)
-
-
-def _cells(refinement: int) -> Numbers:
-    row = refinement + 1
-    lower = np.array([j * row + i for j in range(refinement) for i in range(refinement)])
-    return np.column_stack([lower, lower + 1, lower + row + 1, lower + row])
