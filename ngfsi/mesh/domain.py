@@ -40,12 +40,19 @@ class Domain:
         mesh: NGSolve mesh in metres, straight, with the displacement to the curved reference shape set as deformation.
         geometry: what was meshed.
         report: how the mesh came about.
+        vessels: of the geometry.
+        lumens: names of the regions of the blood.
+        regions: names of all regions, the solids first.
+        ends: names of the end faces: openings, and the faces of solids beside them.
     """
 
     def __init__(self, mesh: Mesh, geometry: Geometry, report: MeshReport) -> None:
-        self.mesh = mesh
-        self.geometry = geometry
-        self.report = report
+        self.mesh, self.geometry, self.report = mesh, geometry, report
+        self.vessels = tuple(geometry.vessels)
+        self.lumens = tuple(vessel.lumen for vessel in self.vessels if vessel.lumen)
+        self.regions = (*geometry.solids, *self.lumens)
+        openings = {name for vessel in self.vessels for name in vessel.openings}
+        self.ends = tuple(n for n in geometry.boundary_names if n in openings or END_FACE.fullmatch(n))
         self._check_names()
         # must live as long as the mesh
         self._shape = shape_of(mesh, geometry)
@@ -68,42 +75,14 @@ class Domain:
         with quiet():
             return cls(Mesh(straight), geometry, report)
 
-    @property
-    def regions(self) -> tuple[str, ...]:
-        """Names of all regions, the solids first."""
-        return *self.geometry.solids, *self.lumens
-
-    @property
-    def vessels(self) -> tuple[Vessel, ...]:
-        """The vessels of the geometry."""
-        return tuple(self.geometry.vessels)
-
-    @property
-    def lumens(self) -> tuple[str, ...]:
-        """Names of the regions of the blood."""
-        return tuple(vessel.lumen for vessel in self.vessels if vessel.lumen)
-
-    @property
-    def ends(self) -> tuple[str, ...]:
-        """Names of the end faces: openings, and the faces of solids beside them."""
-        openings = {name for vessel in self.vessels for name in vessel.openings}
-        return tuple(n for n in self.geometry.boundary_names if n in openings or END_FACE.fullmatch(n))
-
     def beyond(self, vessel: Vessel) -> str | None:
         """Return the solid outside of a vessel's wall, at its outer face; None: there is none."""
         if vessel.outer is None or vessel.wall is None:
             return None
-        sides = {name for face in self._faces(vessel.outer) for name in face}
+        materials, boundaries = self.mesh.GetMaterials(), self.mesh.GetBoundaries()
+        faces = [self.mesh.ngmesh.FaceDescriptor(n) for n, name in enumerate(boundaries, 1) if name == vessel.outer]
+        sides = {materials[side - 1] for face in faces for side in (face.domin, face.domout) if side}
         return next((name for name in self.geometry.solids if name in sides - {vessel.wall}), None)
-
-    def _faces(self, name: str) -> list[tuple[str, ...]]:
-        """Return the regions on both sides of the faces that make up a boundary."""
-        materials, found = self.mesh.GetMaterials(), []
-        for number, title in enumerate(self.mesh.GetBoundaries()):
-            if title == name:
-                face = self.mesh.ngmesh.FaceDescriptor(number + 1)
-                found.append(tuple(materials[side - 1] for side in (face.domin, face.domout) if side))
-        return found
 
     def is_interface(self, name: str) -> bool:
         """Whether a boundary of the blood moves with a solid."""
@@ -115,11 +94,11 @@ class Domain:
 
     def materials(self, *names: str) -> Region:
         """Return the union of regions; without names all of them."""
-        return self._region(VOL, "region", names)
+        return self._region(VOL, names)
 
     def boundaries(self, *names: str) -> Region:
         """Return the union of boundaries; without names all of them."""
-        return self._region(BND, "boundary", names)
+        return self._region(BND, names)
 
     def dx(self, *names: str, **options: Any) -> Any:
         """Return the volume measure of regions; options as of `ngsolve.dx` (bonus_intorder, element_boundary, ...)."""
@@ -241,35 +220,28 @@ class Domain:
         elements = [[vertex.nr for vertex in element.vertices] for element in self.mesh.Elements(VOL)]
         return hashlib.sha256(points.tobytes() + repr(elements).encode()).hexdigest()[:32]
 
-    def _names(self, kind: Any) -> tuple[str, ...]:
-        return tuple(self.mesh.GetMaterials() if kind == VOL else self.mesh.GetBoundaries())
-
-    def _region(self, kind: Any, what: str, names: tuple[str, ...]) -> Region:
-        known = self._names(kind)
+    def _region(self, kind: Any, names: tuple[str, ...]) -> Region:
+        known = {"region": self.mesh.GetMaterials(), "boundary": self.mesh.GetBoundaries()}
+        what, other = ("region", "boundary") if kind == VOL else ("boundary", "region")
         for name in names:
-            if not isinstance(name, str) or not NAME.fullmatch(name) or name not in known:
-                raise RegionError(self._unknown(kind, what, str(name)))
+            if not isinstance(name, str) or not NAME.fullmatch(name) or name not in known[what]:
+                if name in known[other]:
+                    listed = ", ".join(sorted(set(known[what])))
+                    raise RegionError(f"'{name}' is a {other}, not a {what}: known as {what} are {listed}")
+                raise RegionError(unknown(what, str(name), set(known[what])))
         return Region(self.mesh, kind, "|".join(names) if names else ".*")
-
-    def _unknown(self, kind: Any, what: str, name: str) -> str:
-        known = set(self._names(kind))
-        other, of_other = ("boundary", BND) if kind == VOL else ("region", VOL)
-        if name in self._names(of_other):
-            return f"'{name}' is a {other}, not a {what}: known as {what} are {', '.join(sorted(known))}"
-        return unknown(what, name, known)
 
     def _check_names(self) -> None:
         """Compare the mesh's names with those the geometry promised."""
-        regions = set(self.regions)
-        boundaries, optional = set(self.geometry.boundary_names), set(self.geometry.internal_names)
-        for what, found, wanted, extra in (
-            ("regions", set(self._names(VOL)), regions, set()),
-            ("boundaries", set(self._names(BND)), boundaries, optional),
+        geometry, mesh = self.geometry, self.mesh
+        for what, names, wanted, optional in (
+            ("regions", mesh.GetMaterials(), self.regions, ()),
+            ("boundaries", mesh.GetBoundaries(), geometry.boundary_names, geometry.internal_names),
         ):
-            missing, surplus = wanted - found, found - wanted - extra
+            missing, surplus = {*wanted} - {*names}, {*names} - {*wanted, *optional}
             if missing or surplus:
                 raise MeshError(
-                    f"the mesh of {type(self.geometry).__name__} has other {what} than promised: "
+                    f"the mesh of {type(geometry).__name__} has other {what} than promised: "
                     f"missing {sorted(missing) or 'none'}, not promised {sorted(surplus) or 'none'}"
                 )
 
