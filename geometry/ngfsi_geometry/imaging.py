@@ -110,8 +110,8 @@ def _fractions(outlines: Mapping[str, Outline], frame: Outline, pixel: float) ->
     fine = pixel / SUB
     x = low[0] + fine * (np.arange(SUB * size[0]) + 0.5)
     y = low[1] + fine * (np.arange(SUB * size[1]) + 0.5)
-    blocks = size[1], SUB, size[0], SUB
-    inside = {name: outline.covers(x, y).reshape(blocks) for name, outline in outlines.items()}
+    places, blocks = np.stack(np.meshgrid(x, y), axis=-1), (size[1], SUB, size[0], SUB)
+    inside = {name: outline.contains(places).reshape(blocks) for name, outline in outlines.items()}
     return low + pixel / 2, {name: mask.mean(axis=(1, 3)) for name, mask in inside.items()}
 
 

@@ -38,12 +38,10 @@ class Setup:
     Attributes:
         domain: the reference shape.
         unknowns: of the system (`ngfsi.system.unknowns.Unknowns`).
-        order: polynomial order of displacement and velocity.
         trial, test, state: by name of the field.
         velocity_history: by name of the field; rate(y) = new_weight y + history.
         fields: of the blood and the mesh, as functions of trial functions or of the state.
         new_weight: of the new state in the rates (1/s); 0 at rest.
-        step: size of the step that is being taken (s); infinite at rest.
         blood_density: kg/m3; grows to its value while the first steady flow is found.
         references: by vessel what sets the reference pressure of its blood.
         fluid: law of the blood; None: there is none.
@@ -55,14 +53,12 @@ class Setup:
 
     domain: Domain
     unknowns: Any
-    order: int
     trial: Named
     test: Named
     state: Named
     velocity_history: Named
     fields: Callable[[Named], Fields]
     new_weight: Parameter
-    step: Parameter
     blood_density: Parameter
     references: Mapping[str, WithValue]
     fluid: FluidLaw | None

@@ -57,7 +57,7 @@ class Opening(WithValue):
         """Return the integral of the flow (m3/s) of a relative velocity out of the moving opening."""
         normal = self.domain.outward_normal(self.lumen)
         flux = terms.relative_flux(Kinematics(ng.Grad(self._setup.state[MOTION])), velocity, normal)
-        return flux * self.domain.ds(self.opening, bonus_intorder=2 * self._setup.order)
+        return flux * self.domain.ds(self.opening, bonus_intorder=2 * self._setup.unknowns.order)
 
     def _integral(self, integral: Any) -> float:
         return float(ng.Integrate(integral, self.domain.mesh))
@@ -68,7 +68,7 @@ class Opening(WithValue):
         return self._computed() if given is None else self._on_opening(given, dual=False)
 
     def _computed(self) -> GridFunction:
-        face = developed(self.domain, self.opening, self._setup.order)
+        face = developed(self.domain, self.opening, self._setup.unknowns.order)
         return self._on_opening(face * inwards(self.domain, self.opening, self.lumen))
 
     def _on_opening(self, velocity: Any, *, dual: bool = True) -> GridFunction:
@@ -129,7 +129,7 @@ class GivenFlow(Opening):
 
         def profile_of(omega: float) -> tuple[Array, complex]:
             parameter = fluid.density * omega / fluid.nominal_viscosity
-            face = womersley(self.domain, self.opening, self._setup.order, parameter)
+            face = womersley(self.domain, self.opening, self._setup.unknowns.order, parameter)
             parts = [self._on_opening(part * into) for part in (face.real, face.imag)]
             values = [self._values(part) for part in parts]
             fluxes = [-self._integral(self._outflow_of(self._velocity_of(part))) for part in parts]
@@ -261,7 +261,7 @@ class ResistiveTraction(Traction):
         normal = self.domain.outward_normal(self.lumen)
         flux = terms.relative_flux(Kinematics(fields.grad_motion.Trace()), fields.relative.Trace(), normal)
         balance = (p / area - self.resistance * flux) * q
-        return [Integral([balance], self.domain.ds(self.opening, bonus_intorder=2 * setup.order))]
+        return [Integral([balance], self.domain.ds(self.opening, bonus_intorder=2 * setup.unknowns.order))]
 
 
 def through(

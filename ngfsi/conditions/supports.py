@@ -195,7 +195,7 @@ class SkinMotion(Prescribed):
         super().attach(setup)
         space = setup.unknowns.space.components[0]
         self._numbers = np.flatnonzero(list(space.GetDofs(self._domain.boundaries("skin"))))
-        self._given = self._values = _fit(self._domain, "skin", setup.order, self._displacement)
+        self._given = self._values = _fit(self._domain, "skin", setup.unknowns.order, self._displacement)
 
     def update(self, _t: float, load_factor: float = 1.0) -> None:
         self._factor, self._values = load_factor, load_factor * self._given

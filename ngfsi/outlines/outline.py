@@ -176,24 +176,11 @@ class Outline(ConfigModel):
         return Outline.through(self.points + distance * outward)
 
     def contains(self, points: Array) -> Mask:
-        """Return which of points (n, 2) [m] lie inside the curve, sampled at 4 points to a piece."""
+        """Return which of points (..., 2) [m] lie inside the curve, sampled at 4 points to a piece."""
         from matplotlib.path import Path as Polygon
 
-        return np.asarray(Polygon(self._spline(self._arc[0])).contains_points(points))
-
-    def covers(self, x: Array, y: Array) -> Mask:
-        """Return which points of a grid lie inside, shape (rows, columns), as `contains`.
-
-        Args:
-            x, y: places of columns (increasing) and rows, m.
-        """
-        ring = self._spline(self._arc[0])
-        (ax, ay), (bx, by) = (part.T[:, :, None] for part in (ring[:-1], ring[1:]))
-        side, row = np.nonzero((ay > y) != (by > y))
-        fraction = (y[row] - ay[side, 0]) / (by[side, 0] - ay[side, 0])
-        crossings = np.zeros((len(y), len(x) + 1), dtype=np.int64)
-        np.add.at(crossings, (row, np.searchsorted(x, ax[side, 0] + fraction * (bx - ax)[side, 0])), 1)
-        return np.asarray(np.cumsum(crossings[:, :-1], axis=1) % 2 == 1)
+        inside = Polygon(self._spline(self._arc[0])).contains_points(points.reshape(-1, 2))
+        return np.asarray(inside.reshape(points.shape[:-1]))
 
     def distance_to(self, other: Outline) -> float:
         """Return the smallest distance [m] between points of this curve and the other."""

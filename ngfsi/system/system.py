@@ -108,9 +108,9 @@ class System:
     def _setup(self, references: Mapping[str, Any]) -> Setup:
         laws = (self.case.materials.law_of(name) for name in self.domain.geometry.solids)
         return Setup(
-            domain=self.domain, unknowns=self.unknowns, order=self.unknowns.order, trial=self._trial, test=self._test,
+            domain=self.domain, unknowns=self.unknowns, trial=self._trial, test=self._test,
             state=self.named(self.state), velocity_history=self.named(self.velocity_history), fields=self.fields,
-            new_weight=self.new_weight, step=self.step, blood_density=self.blood_density, references=references,
+            new_weight=self.new_weight, blood_density=self.blood_density, references=references,
             fluid=self.case.materials.fluid, densities={name: one.density for name, one in self.solids.items()},
             stiffness=max((law.shear_modulus or 0.0 for law in laws), default=1.0),
             small=self._small, leads=self.ranks.leads,
