@@ -13,9 +13,8 @@ from ngfsi_geometry.imaging import phantom, phantom_stack
 from ngfsi import cli
 from ngfsi.case import Conditions
 from ngfsi.errors import GeometryError
-from ngfsi.outlines.displacement import OutlineDisplacement
+from ngfsi.outlines.displacement import OutlineDisplacement, register_images, register_outlines
 from ngfsi.outlines.outline import Outline
-from ngfsi.outlines.registration import register_images, register_outlines
 
 SKIN = subject(1).skin
 LANDMARKS = SKIN.at(SKIN.length * np.array([0.05, 0.3, 0.55, 0.8]))

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ngfsi.errors import GeometryError
-from ngfsi.outlines.displacement import OutlineDisplacement
+from ngfsi.outlines.displacement import POINTS, OutlineDisplacement, register_images
 from ngfsi.outlines.outline import Outline
-from ngfsi.outlines.registration import POINTS, register_images
 from ngfsi.units import from_si
 from ngfsi_geometry.imaging import LabelMap, read_image
 

@@ -1,9 +1,8 @@
 """What acts on the system: loads, openings, supports and prescribed motions, each one object of one protocol."""
 
 from ngfsi.conditions.condition import Condition, ConditionModel, OpeningModel, Setup, WithValue
-from ngfsi.conditions.force import BodyForce, BodyForceModel
+from ngfsi.conditions.loads import BloodReference, BodyForce, BodyForceModel, Cuff, PressureOn
 from ngfsi.conditions.openings import FlowOpening, FreeOpening, PressureOpening, ResistanceOpening
-from ngfsi.conditions.pressure import BloodReference, Cuff, PressureOn
 from ngfsi.conditions.supports import DisplacementModel, Ends, GivenMeshMotion, GivenVelocity, SkinMotion
 
 __all__ = [

@@ -12,8 +12,8 @@ from scipy.stats import t as student
 
 from ngfsi.config.columns import read_columns
 from ngfsi.errors import MaterialError
+from ngfsi.materials.solid.law import Invariants
 from ngfsi.materials.solid.mooney_rivlin import MooneyRivlin
-from ngfsi.materials.solid.strain import Invariants
 
 Array = NDArray[np.float64]
 

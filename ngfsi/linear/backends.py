@@ -18,8 +18,7 @@ from ngsolve.solvers.mkl_pardiso import MKLPardiso
 from ngfsi.arrays import Array
 from ngfsi.errors import SolverError
 from ngfsi.linear.levels import Levels
-from ngfsi.linear.mumps import Mumps
-from ngfsi.linear.petsc import without_petsc
+from ngfsi.linear.petsc import Mumps, without_petsc
 from ngfsi.parallel.ranks import SERIAL, all_ranks
 
 Name = Literal["pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid", "fieldsplit"]

@@ -17,8 +17,7 @@ from ngfsi.arrays import Array, Numbers
 from ngfsi.errors import SolverError
 from ngfsi.linear import multigrid
 from ngfsi.linear.levels import Levels
-from ngfsi.linear.mumps import by_mumps, check
-from ngfsi.linear.petsc import Summed
+from ngfsi.linear.petsc import Summed, by_mumps, check
 from ngfsi.parallel.ranks import Ranks
 from ngfsi.system.sparse import csr
 

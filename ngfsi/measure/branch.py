@@ -10,19 +10,16 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 from ngsolve import InnerProduct
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Mask
 from ngfsi.measure.sections import Sections
-from ngfsi.measure.side import Side
-from ngfsi.measure.transmural import WallLoad
+from ngfsi.measure.transmural import Side, WallLoad
 from ngfsi.mesh.centreline import Centreline
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.mesh.surface import across
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
-
-Array = NDArray[np.float64]
 
 REACH, BESIDE = 1.5, 1.1
 """Factors by which an outline is made wider. Edges of elements that cross its plane within the first part the blood
@@ -192,7 +189,7 @@ class Disc:
         """Return the distances (n,) [m] of points (n, 3) from the plane, positive along the normal."""
         return np.asarray((points - self._centre) @ self._normal)
 
-    def holds(self, points: Array, wider: float) -> NDArray[np.bool_]:
+    def holds(self, points: Array, wider: float) -> Mask:
         """Return which of points (n, 3) lie inside of the outline, made wider by a factor, seen along the normal."""
         arms = self._flat(points) - self._middle
         return np.asarray(self._path.contains_points(self._middle + arms / wider))

@@ -15,7 +15,7 @@ from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.hole import Hole
 from ngfsi.measure.plane import PlaneSectionProbe
 from ngfsi.measure.sections import STATIONS
-from ngfsi.measure.side import Side
+from ngfsi.measure.transmural import Side
 from ngfsi.measure.wall import ShearStatistics, Wall
 from ngfsi.mesh.centreline import Centreline, find_centrelines
 from ngfsi.mesh.geometry import Vessel

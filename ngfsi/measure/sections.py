@@ -10,15 +10,12 @@ from functools import cached_property
 import netgen.meshing as nm
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.mesh.centreline import Centreline
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.mesh.surface import Outlines, Surface
 from ngfsi.system.system import System
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 STATIONS = 11
 RING_POINTS = 96

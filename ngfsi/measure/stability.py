@@ -9,6 +9,8 @@ the mode of collapse (accompanying eigenvalue analysis: Brendel and Ramm, Comput
 
 K is symmetric where the blood's pressure is even and the ends are held or slide in their plane; elsewhere its symmetric
 part is taken, which loses definiteness first.
+
+A plane section has no mass that matters: of it the motion is looked for that it resists least (`Softness`).
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from typing import Any, NamedTuple
 
 import ngsolve as ng
 import numpy as np
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs, eigsh
 
 from ngfsi.arrays import Array
 from ngfsi.conditions import PressureOn
@@ -188,6 +190,73 @@ class Stability:
         load[:] = 0.0
         size = int(np.count_nonzero(self._free))
         return LinearOperator((size, size), matvec=solve, dtype=float)
+
+
+@dataclass(frozen=True)
+class SoftestMode:
+    """The motion that a system in equilibrium resists least.
+
+    Attributes:
+        stiffness: its stiffness over that of shear alone in the tissue's initial modulus, 0 at a buckling load.
+        place: (x, y) of the vertex that moves most, m.
+    """
+
+    stiffness: float
+    place: tuple[float, float]
+
+    def row(self, time: float) -> dict[str, float]:
+        """Return a row of a table; time in s."""
+        x, y = self.place
+        return {"time_s": time, "softest_stiffness_1": self.stiffness, "softest_x_m": x, "softest_y_m": y}
+
+
+class Softness:
+    """The softest mode of a system, stage by stage."""
+
+    mode = None
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+
+    def refresh(self) -> SoftestMode:
+        """Return the lowest eigenvalue of the tangent stiffness in the present state against the integral of
+        G grad u : grad v, and its mode.
+
+        From order 3 on interior unknowns follow the others, and count in the integral no more than those say.
+
+        Raises:
+            SolverError: no eigenvalue was found.
+        """
+        system, tangent, domain = self._system, self._system.tangent, self._system.domain
+        space = system.unknowns.space
+        chosen = np.flatnonzero(system.unknowns.free() & np.array(list(space.FreeDofs(tangent.condense))))
+        tangent.AssembleLinearization(system.state.vec)
+        shear = ng.BilinearForm(space, check_unused=False)
+        trial, test = (parts[0] for parts in space.TnT())
+        for name in domain.geometry.solids:
+            modulus = system.case.materials.law_of(name).shear_modulus
+            shear += modulus * ng.InnerProduct(ng.Grad(trial), ng.Grad(test)) * domain.dx(name)
+        shear.Assemble()
+        stiffness, mass = (csr(form.mat)[chosen][:, chosen].tocsc() for form in (tangent, shear))
+        try:
+            values, modes = eigs(stiffness, k=2, M=mass, sigma=0.0, v0=np.ones(len(chosen)))
+        except (ArpackError, RuntimeError) as error:
+            raise SolverError(f"no softest mode was found: {error}") from None
+        lowest = int(np.argmin(values.real))
+        whole = np.zeros(space.ndof)
+        whole[chosen] = modes[:, lowest].real
+        # the first functions of each component are those of the vertices
+        size, vertices = space.components[0].ndof // domain.mesh.dim, domain.mesh.nv
+        moved = np.hypot(whole[:vertices], whole[size : size + vertices])
+        x, y = domain.mesh.vertices[int(np.argmax(moved))].point[:2]
+        return SoftestMode(float(values[lowest].real), (float(x), float(y)))
+
+    def arrays(self) -> dict[str, Array]:
+        """Return nothing: no stage depends on another."""
+        return {}
+
+    def restore(self, _arrays: object) -> None:
+        """Take nothing."""
 
 
 def _eigen(matrix: Any, count: int, **options: Any) -> tuple[Array, Array]:

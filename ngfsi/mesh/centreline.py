@@ -6,14 +6,12 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.errors import MeshError
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.mesh.surface import Surface
-
-Array = NDArray[np.float64]
 
 REFITS = 4
 """Of a spline to its own arc length."""

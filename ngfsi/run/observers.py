@@ -25,8 +25,7 @@ from ngfsi.store.folder import RunFolder, outline_rows
 from ngfsi.system.system import System
 
 if TYPE_CHECKING:
-    from ngfsi.measure.softest import Softness
-    from ngfsi.measure.stability import Stability
+    from ngfsi.measure.stability import Softness, Stability
 
 WALL_REFINEMENT = 3
 """Points along each side of an interface element in the written wall fields."""
@@ -151,8 +150,7 @@ def observers_of(
 
 
 def _stability(system: System) -> Stability | Softness:
-    from ngfsi.measure.softest import Softness  # with solvers of eigenvalues, which most runs do without
-    from ngfsi.measure.stability import Stability
+    from ngfsi.measure.stability import Softness, Stability  # with solvers of eigenvalues, which most do without
 
     return Softness(system) if system.domain.mesh.dim == 2 else Stability(system)
 

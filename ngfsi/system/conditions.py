@@ -6,8 +6,8 @@ from collections.abc import Collection
 
 from ngfsi.case import Case
 from ngfsi.conditions import BloodReference, Condition, Ends, OpeningModel, PressureOn, SkinMotion
+from ngfsi.conditions.loads import SKIN
 from ngfsi.conditions.openings import NOTHING
-from ngfsi.conditions.pressure import SKIN
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain
 

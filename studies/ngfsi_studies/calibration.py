@@ -31,9 +31,8 @@ from ngfsi.identify.section import (
 )
 from ngfsi.materials import MooneyRivlin, load_set
 from ngfsi.mesh.domain import Domain
-from ngfsi.outlines.displacement import OutlineDisplacement
+from ngfsi.outlines.displacement import OutlineDisplacement, register_outlines
 from ngfsi.outlines.outline import Outline, polygon_area
-from ngfsi.outlines.registration import register_outlines
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.solve.statics import section_case

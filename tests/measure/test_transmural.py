@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.materials import CompressibleNeoHookean, SaintVenantKirchhoff
-from ngfsi.measure.side import Side
-from ngfsi.measure.transmural import WallLoad
+from ngfsi.measure.transmural import Side, WallLoad
 from ngfsi.system.system import System
 from tests.vein import BLOOD, TUBE, case_of, position, sections_of, set_motion, steady, system_of
 

@@ -6,9 +6,8 @@ from typing import ClassVar, Literal
 
 from ngsolve import log
 
-from ngfsi.materials.solid.law import IsotropicLaw, Pair
+from ngfsi.materials.solid.law import Invariants, IsotropicLaw, Pair
 from ngfsi.materials.solid.linear import LinearAtRest
-from ngfsi.materials.solid.strain import Invariants
 
 
 class CompressibleNeoHookean(LinearAtRest, IsotropicLaw):

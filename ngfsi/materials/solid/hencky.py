@@ -7,9 +7,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from ngsolve import CoefficientFunction, Det, Id, InnerProduct, Inv, log
 
-from ngfsi.materials.solid.law import Pair
+from ngfsi.materials.solid.law import Pair, right_cauchy_green
 from ngfsi.materials.solid.linear import LinearAtRest
-from ngfsi.materials.solid.strain import right_cauchy_green
 
 POINTS = 20
 """Gauss points of the logarithm; even, since they are used in pairs +-t."""

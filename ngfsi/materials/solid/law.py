@@ -10,15 +10,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import ngsolve as ng
-from ngsolve import CoefficientFunction, Cof, InnerProduct, Parameter
+from ngsolve import CoefficientFunction, Cof, Det, InnerProduct, Parameter, Trace
 from pydantic import Field
 
 from ngfsi.arrays import Array
 from ngfsi.materials.law import Law
-from ngfsi.materials.solid.strain import Invariants, right_cauchy_green
 from ngfsi.units import Density
 
 Pair = tuple[CoefficientFunction, CoefficientFunction]
@@ -117,6 +116,31 @@ class SolidLaw(Law, SolidModel):
         """Initial Poisson ratio, where there are moduli."""
         G, K = self.shear_modulus, self.bulk_modulus
         return None if G is None or K is None else (3 * K - 2 * G) / (2 * (3 * K + G))
+
+
+def right_cauchy_green(F: CoefficientFunction) -> CoefficientFunction:
+    """Return C = F^T F (3x3)."""
+    return F.trans * F
+
+
+class Invariants(NamedTuple):
+    """I1 = tr C, I2 = (I1^2 - C : C)/2 and J = det F."""
+
+    I1: CoefficientFunction
+    I2: CoefficientFunction
+    J: CoefficientFunction
+
+    @classmethod
+    def of(cls, F: CoefficientFunction) -> Invariants:
+        """Return those of F, each a variable of its own, so that an energy can be differentiated by them."""
+        C = right_cauchy_green(F)
+        parts = (Trace(C), (Trace(C) ** 2 - InnerProduct(C, C)) / 2, Det(F))
+        return cls(*(part.MakeVariable() for part in parts))
+
+    @property
+    def isochoric(self) -> tuple[CoefficientFunction, CoefficientFunction]:
+        """I1 and I2 of the volume-preserving part J^(-1/3) F: both are 3 at rest and blind to dilation."""
+        return self.J ** (-2 / 3) * self.I1, self.J ** (-4 / 3) * self.I2
 
 
 class IsotropicLaw(SolidLaw):

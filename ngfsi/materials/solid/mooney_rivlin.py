@@ -6,8 +6,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ngfsi.materials.solid.law import IsotropicLaw, Pair
-from ngfsi.materials.solid.strain import Invariants
+from ngfsi.materials.solid.law import Invariants, IsotropicLaw, Pair
 from ngfsi.units import Pressure
 
 

@@ -7,8 +7,7 @@ from typing import ClassVar, Literal
 from ngsolve import log
 from pydantic import Field
 
-from ngfsi.materials.solid.law import IsotropicLaw, Pair
-from ngfsi.materials.solid.strain import Invariants
+from ngfsi.materials.solid.law import Invariants, IsotropicLaw, Pair
 from ngfsi.units import Pressure
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from ngfsi.materials.solid.law import IsotropicLaw, Pair
+from ngfsi.materials.solid.law import Invariants, IsotropicLaw, Pair
 from ngfsi.materials.solid.linear import LinearAtRest
-from ngfsi.materials.solid.strain import Invariants
 
 
 class SaintVenantKirchhoff(LinearAtRest, IsotropicLaw):
