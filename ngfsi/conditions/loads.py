@@ -50,10 +50,9 @@ class Cuff(ConfigModel):
             )
         return self
 
-    def condition(self, domain: Domain, name: str) -> PressureOn:
-        """Return the condition."""
-        part = terms.part_of_skin(self.start, self.end, self.edge, self.direction, self.half_width)
-        return PressureOn(name, domain, (SKIN,), self.pressure, part)
+    def weight(self) -> Any:
+        """Return the fraction of its pressure that acts at a point of the skin."""
+        return terms.part_of_skin(self.start, self.end, self.edge, self.direction, self.half_width)
 
 
 class PressureOn(WithValue):

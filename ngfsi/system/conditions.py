@@ -39,7 +39,8 @@ def conditions_of(case: Case, domain: Domain, taken: Collection[str] = ()) -> li
         found.append(SkinMotion(domain, given.skin_displacement))
     elif domain.has_boundary(SKIN):
         found.append(PressureOn("on the skin", domain, (SKIN,), loads.skin_pressure))
-        found += [cuff.condition(domain, f"in cuff {n}") for n, cuff in enumerate(loads.cuffs, start=1)]
+        for n, cuff in enumerate(loads.cuffs, start=1):
+            found.append(PressureOn(f"in cuff {n}", domain, (SKIN,), cuff.pressure, cuff.weight()))
     found.append(Ends(domain, given.ends))
     found += [model.condition(domain, f"{model.kind} {n}") for n, model in enumerate(loads.further, start=1)]
     for vessel in domain.vessels:

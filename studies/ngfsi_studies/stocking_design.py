@@ -24,7 +24,6 @@ from ngfsi.errors import NgfsiError
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.shear_history import within
 from ngfsi.mesh.domain import Domain
-from ngfsi.physics import terms
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
@@ -307,7 +306,7 @@ class Found(NamedTuple):
 
 def parts_of_skin(case: Case) -> list[Any]:
     """Return where each cuff of a case presses, as a fraction of its pressure."""
-    return [terms.part_of_skin(c.start, c.end, c.edge, c.direction, c.half_width) for c in case.loads.cuffs]
+    return [cuff.weight() for cuff in case.loads.cuffs]
 
 
 def mean_pressure(case: Case, time: float, domain: Domain) -> float:
