@@ -71,16 +71,12 @@ class Ends(Condition):
         domain, first_end = self._domain, self._ends[0]
         outer = next(name for name in ("skin", "wall_outer", *domain.geometry.boundary_names)
                      if domain.has_boundary(name))  # fmt: skip
-        on = [{v for e in domain.boundaries(*names).Elements() for v in e.vertices}
-              for names in ((outer,), self._same_plane(first_end))]  # fmt: skip
-        vertices = sorted(on[0] & on[1], key=lambda v: v.nr)
+        vertices = np.intersect1d(domain.vertices_on(outer), domain.vertices_on(*self._same_plane(first_end)))
         first, second = np.delete(range(3), int(np.argmax(np.abs(self._normals[first_end]))))
-        along = np.array([domain.mesh[v].point[first] for v in vertices])
+        along = np.array([domain.mesh.vertices[int(v)].point[first] for v in vertices])
         ends, between = (np.argmin(along), np.argmax(along)), np.argmin(np.abs(along - along.mean()))
-        return [
-            *(motion.GetDofNrs(vertices[end])[second] for end in ends),
-            motion.GetDofNrs(vertices[between])[first],
-        ]
+        held = [(vertices[end], second) for end in ends] + [(vertices[between], first)]
+        return [motion.GetDofNrs(ng.NodeId(ng.VERTEX, int(vertex)))[axis] for vertex, axis in held]
 
     def _same_plane(self, end: str) -> tuple[str, ...]:
         """Return the ends that lie in the plane of one of them."""

@@ -15,7 +15,6 @@ from ngfsi.arrays import Array, Mask
 from ngfsi.measure.sections import Sections
 from ngfsi.measure.transmural import Side, WallLoad
 from ngfsi.mesh.centreline import Centreline
-from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.mesh.surface import across
 from ngfsi.physics.kinematics import Kinematics
@@ -109,7 +108,7 @@ class Layers:
         self._form = ng.LinearForm(space)
         self._form += flow.Compile() * self._domain.dx(lumen, bonus_intorder=2 * order)
         self.values = np.zeros(self._domain.mesh.nv)
-        self._at_openings = [nr for name in vessel.openings for nr in _vertices(system.domain, name)]
+        self._at_openings = self._domain.vertices_on(*vessel.openings)
         edges = {edge.nr for element in self._domain.materials(lumen).Elements() for edge in element.edges}
         mesh = self._domain.mesh
         self._edges = np.array([[v.nr for v in mesh[ng.NodeId(ng.EDGE, nr)].vertices] for nr in sorted(edges)])
@@ -126,7 +125,7 @@ class Layers:
             openings: before the first station, and beyond the last.
         """
         found = np.full((self._domain.mesh.nv, len(sections.stations)), np.nan)
-        before, after = (_vertices(self._domain, name)[0] for name in openings)
+        before, after = (self._domain.vertices_on(name)[0] for name in openings)
         outlines, points = sections.in_reference()
         for station, at in enumerate(sections.stations):
             if outlines.whole[station]:
@@ -193,8 +192,3 @@ class Disc:
         """Return which of points (n, 3) lie inside of the outline, made wider by a factor, seen along the normal."""
         arms = self._flat(points) - self._middle
         return np.asarray(self._path.contains_points(self._middle + arms / wider))
-
-
-def _vertices(domain: Domain, boundary: str) -> list[int]:
-    """Return the numbers of the vertices of a boundary."""
-    return sorted({v.nr for element in domain.boundaries(boundary).Elements() for v in element.vertices})

@@ -61,9 +61,5 @@ class Hole:
 def _opens_at_ends(domain: Domain, vessel: Vessel) -> bool:
     """Whether the surface of a hole meets no boundary but ends."""
     others = set(domain.geometry.boundary_names) - {vessel.interface, *domain.ends}
-    mine = _vertices(domain, vessel.interface)
-    return not any(np.intersect1d(mine, _vertices(domain, name)).size for name in others)
-
-
-def _vertices(domain: Domain, boundary: str) -> Any:
-    return np.unique([vertex.nr for element in domain.boundaries(boundary).Elements() for vertex in element.vertices])
+    mine = domain.vertices_on(vessel.interface)
+    return not any(np.intersect1d(mine, domain.vertices_on(name)).size for name in others)

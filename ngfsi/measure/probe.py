@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +21,7 @@ from ngfsi.measure.wall import ShearStatistics, Wall
 from ngfsi.mesh.centreline import Centreline, find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
+from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
 
@@ -38,12 +40,9 @@ class Integrals:
         self._integrals: dict[str, Any] = {}
         self._known: dict[str, float] = {}
 
-    def define(self, **integrals: Any) -> None:
+    def define(self, integrals: Mapping[str, Any]) -> None:
         """Add integrals by name."""
         self._integrals |= integrals
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._integrals
 
     def __call__(self, name: str) -> float:
         """Return a named integral, SI."""
@@ -130,15 +129,13 @@ class VesselProbe:
         exact = 3 * max(order, self.domain.geometry.curving_order) - 1
         whole = {"bonus_intorder": max(exact - INTEGRATE, 0)}
         lumen = dx(str(vessel.lumen), **whole)
-        self.integral.define(**{
-            "lumen volume": k.J * lumen,
-            "lumen rate": InnerProduct(k.cof, f.grad_motion_rate) * lumen,
-        })  # fmt: skip
+        rate = InnerProduct(k.cof, f.grad_motion_rate)
+        self.integral.define({"lumen volume": k.J * lumen, "lumen rate": rate * lumen})
         flux, size = terms.relative_flux(k, f.relative, normal), ng.Norm(k.cof * normal)
         for name in vessel.openings:
             over = ds(name, bonus_intorder=2 * order)
-            self.integral.define(**{f"flux {name}": flux * over, f"size {name}": size * over,
-                                    f"p*size {name}": f.pressure * size * over})  # fmt: skip
+            self.integral.define({f"flux {name}": flux * over, f"size {name}": size * over,
+                                  f"p*size {name}": f.pressure * size * over})  # fmt: skip
         self._define_wall()
 
     def _define_wall(self) -> None:
@@ -147,12 +144,12 @@ class VesselProbe:
         for name, side in self._sides.items():
             p = terms.hydrostatic_pressure(system.solids[name], side.strain)
             area, outer = ng.Norm(side.motion.cof * normal), self.domain.ds(str(self.vessel.outer))
-            self.integral.define(**{f"p*size {name}@outer": (p * area).Compile() * outer,
-                                    "size outer": area.Compile() * outer})  # fmt: skip
+            self.integral.define({f"p*size {name}@outer": (p * area).Compile() * outer,
+                                  "size outer": area.Compile() * outer})  # fmt: skip
         if wall:
             k, within = Kinematics(ng.Grad(system.motion)), self.domain.dx(wall)
             p = terms.hydrostatic_pressure(system.solids[wall], system.deformation_gradient()).Compile()
-            self.integral.define(**{f"p*size {wall}": (p * k.J).Compile() * within, f"size {wall}": k.J * within})
+            self.integral.define({f"p*size {wall}": (p * k.J).Compile() * within, f"size {wall}": k.J * within})
 
 
 def _drawn(line: Centreline) -> list[list[float]]:
@@ -208,14 +205,12 @@ class Probe:
 
     @cached_property
     def _skin_points(self) -> Any:
-        order = 2 * self.system.unknowns.order
-        rules = {ng.ET.SEGM: ng.IntegrationRule(ng.SEGM, order), ng.ET.TRIG: ng.IntegrationRule(ng.TRIG, order),
-                 ng.ET.QUAD: ng.IntegrationRule(ng.QUAD, order)}  # fmt: skip
-        return self.domain.mesh.MapToAllElements(rules, self.domain.boundaries("skin"))
+        points = rules(2 * self.system.unknowns.order)
+        return self.domain.mesh.MapToAllElements(points, self.domain.boundaries("skin"))
 
     def _define_skin(self) -> None:
         self._pressure = sum((c.pressure for c in self._pressing[1:]), start=ng.CF(self._pressing[0].pressure))
         over = self.domain.ds("skin", bonus_intorder=2 * self.system.unknowns.order)
         k = Kinematics(ng.Grad(self.system.motion))
         size = ng.Norm(k.cof * ng.specialcf.normal(self.domain.mesh.dim))
-        self.integral.define(**{"p*size skin": self._pressure * size * over, "size skin": size * over})
+        self.integral.define({"p*size skin": self._pressure * size * over, "size skin": size * over})

@@ -84,7 +84,7 @@ class WallLoad:
         self._forms = [ng.LinearForm(space) for _ in range(2)]
         self._forms[0] += (area * pressure).Compile() * test * ds
         self._forms[1] += area.Compile() * test * ds
-        vertices = np.array(sorted({v.nr for e in system.domain.boundaries(outer).Elements() for v in e.vertices}))
+        vertices = system.domain.vertices_on(outer)
         points = system.domain.vertices[vertices]
         along = sections.line.coordinate(points)
         away = np.linalg.norm(points - sections.line.points(along), axis=1)

@@ -23,6 +23,7 @@ from ngfsi.mesh.centreline import Centreline, direction, find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, VELOCITY
+from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import same_functions
@@ -110,7 +111,7 @@ class Wall:
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
         self._gradient = k.F
         self._normal = normal.Compile()
-        self._points = self._map({kind: ng.IntegrationRule(kind, 2 * order) for kind in (ng.QUAD, ng.TRIG)})
+        self._points = self._map(rules(2 * order))
 
     def refresh(self) -> None:
         """Take the system's present state."""

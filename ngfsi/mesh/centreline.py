@@ -118,7 +118,7 @@ def find_centrelines(domain: Domain, vessel: Vessel) -> tuple[Centreline, ...]:
 
 def direction(domain: Domain, vessel: Vessel, lines: tuple[Centreline, ...]) -> Any:
     """Return the direction of the nearest centreline as a field on a vessel's interface, of unit length at vertices."""
-    vertices = sorted({v.nr for element in domain.boundaries(vessel.interface).Elements() for v in element.vertices})
+    vertices = domain.vertices_on(vessel.interface)
     points = domain.vertices[vertices]
     feet = [line.coordinate(points) for line in lines]
     away = [np.linalg.norm(points - line.points(at), axis=1) for line, at in zip(lines, feet, strict=True)]

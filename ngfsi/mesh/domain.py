@@ -18,7 +18,7 @@ import ngsolve
 import numpy as np
 from ngsolve import BND, VOL, CoefficientFunction, Mesh, Region, specialcf
 
-from ngfsi.arrays import Array
+from ngfsi.arrays import Array, Numbers
 from ngfsi.errors import MeshError, RegionError, unknown
 from ngfsi.mesh.generate import TIMEOUT, MeshReport, check_shape, generate, quiet, shape_of
 from ngfsi.mesh.geometry import Geometry, Vessel
@@ -163,6 +163,10 @@ class Domain:
         """Places (vertices, dim) [m] of the mesh's vertices in the reference shape."""
         return np.array([vertex.point for vertex in self.mesh.vertices]) + self._vertex_displacements
 
+    def vertices_on(self, *names: str) -> Numbers:
+        """Return the numbers of the vertices of boundaries, ascending."""
+        return np.unique([v.nr for element in self.boundaries(*names).Elements() for v in element.vertices])
+
     def on_straight_mesh(self, points: Array) -> Array:
         """Return where points (n, dim) of the curved reference shape lie in the straight mesh.
 
@@ -260,9 +264,8 @@ class Domain:
 
 def elements_at(domain: Domain, region: str, boundary: str) -> ngsolve.BitArray:
     """Return the elements of a region that touch a boundary."""
-    mesh = domain.mesh
-    touching = {v.nr for element in domain.boundaries(boundary).Elements() for v in element.vertices}
-    chosen = ngsolve.BitArray(mesh.ne)
+    touching = set(domain.vertices_on(boundary).tolist())
+    chosen = ngsolve.BitArray(domain.mesh.ne)
     chosen[:] = False
     for element in domain.materials(region).Elements():
         if any(v.nr in touching for v in element.vertices):

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import ngsolve as ng
 
-SHAPES = (ng.TRIG, ng.QUAD, ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
+SHAPES = (ng.SEGM, ng.TRIG, ng.QUAD, ng.TET, ng.PRISM, ng.HEX, ng.PYRAMID)
 
 
 class Integral(NamedTuple):
