@@ -86,14 +86,9 @@ def read_set(name: str) -> ParameterSet:
         raise MaterialError(f"{file.name}: title, source, remark and law are needed, not found: {error}") from None
     law = registry.find(FLUIDS if tag in registry.names(FLUIDS) else SOLIDS, tag, "law", MaterialError)
     claims = {key: data.pop(key) for key in list(data) if key.startswith(STATED)}
-    return ParameterSet(
-        name=name,
-        title=title,
-        source=source,
-        remark=" ".join(remark.split()),
-        material=law.from_dict({"label": name, **data}, source=file.name),
-        stated=Stated.from_dict({key.removeprefix(STATED): value for key, value in claims.items()}, source=file.name),
-    )
+    stated = Stated.from_dict({key.removeprefix(STATED): value for key, value in claims.items()}, source=file.name)
+    material = law.from_dict({"label": name, **data}, source=file.name)
+    return ParameterSet(name, title, source, " ".join(remark.split()), material, stated)
 
 
 def load_set(name: str, **changes: Any) -> Law:

@@ -204,18 +204,14 @@ class Domain:
         """Return facts for the record: elements by type and region, their quality, volume errors, how it was meshed."""
         elements = list(self.mesh.Elements(VOL))
         return {
-            "elements": self.mesh.ne,
-            "vertices": self.mesh.nv,
+            "elements": self.mesh.ne, "vertices": self.mesh.nv,
             "elements_by_type": dict(Counter(element.type.name.lower() for element in elements)),
             "elements_by_region": dict(Counter(element.mat for element in elements)),
-            "curving_order": self.geometry.curving_order,
-            "smallest_jacobian_ratio": self._quality,
-            "relative_volume_errors": self._volume_errors,
-            "way_of_meshing": self.report.way,
-            "warnings": list(self.report.warnings),
-            "meshing_seconds": self.report.seconds,
+            "curving_order": self.geometry.curving_order, "smallest_jacobian_ratio": self._quality,
+            "relative_volume_errors": self._volume_errors, "way_of_meshing": self.report.way,
+            "warnings": list(self.report.warnings), "meshing_seconds": self.report.seconds,
             "from_cache": self.report.cached,
-        }
+        }  # fmt: skip
 
     @property
     def fingerprint(self) -> str:

@@ -40,14 +40,8 @@ TIMEOUT = 60.0
 """Seconds after which one attempt of the mesher is given up."""
 
 MESH_FILE, REPORT_FILE, REQUEST_FILE = "mesh.vol.gz", "report.json", "request.pickle"
-RULE_ORDER = {
-    ngsolve.ET.TRIG: 6,
-    ngsolve.ET.QUAD: 8,
-    ngsolve.ET.TET: 6,
-    ngsolve.ET.PYRAMID: 6,
-    ngsolve.ET.PRISM: 8,
-    ngsolve.ET.HEX: 8,
-}
+RULE_ORDER = {**dict.fromkeys((ngsolve.TRIG, ngsolve.TET, ngsolve.PYRAMID), 6),
+              **dict.fromkeys((ngsolve.QUAD, ngsolve.PRISM, ngsolve.HEX), 8)}  # fmt: skip
 
 
 @dataclass(frozen=True)

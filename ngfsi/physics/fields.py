@@ -43,14 +43,6 @@ class Fields:
         """Return the fields for rates that are linear in the unknowns: rate(y) = new y + history."""
         m, w, p = (parts[name] for name in (MOTION, VELOCITY, PRESSURE))
         hm, hw, am = velocity_history[MOTION], velocity_history[VELOCITY], acceleration_history[MOTION]
-        u = w + new * m + hm
-        return cls(
-            motion=m,
-            grad_motion=ng.Grad(m),
-            grad_motion_rate=new * ng.Grad(m) + ng.Grad(hm),
-            relative=w,
-            velocity=u,
-            grad_velocity=ng.Grad(w) + new * ng.Grad(m) + ng.Grad(hm),
-            acceleration=new * u + hw + am,
-            pressure=p,
-        )
+        u, grad_rate = w + new * m + hm, new * ng.Grad(m) + ng.Grad(hm)
+        grad_u = ng.Grad(w) + new * ng.Grad(m) + ng.Grad(hm)
+        return cls(m, ng.Grad(m), grad_rate, w, u, grad_u, acceleration=new * u + hw + am, pressure=p)

@@ -134,15 +134,10 @@ class Newton:
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: Mask = system.unknowns.free(*blocks)
         self.factorisation = Factorisation(
-            system.tangent,
-            self.free,
-            backend,
-            system.unknowns.equations,
-            system.watch,
-            lambda: levels_of(system.domain, system.unknowns),
-            lambda: self._scale_vector(system.block_scales()),
+            system.tangent, self.free, backend, system.unknowns.equations, system.watch,
+            lambda: levels_of(system.domain, system.unknowns), lambda: self._scale_vector(system.block_scales()),
             system.ranks,
-        )
+        )  # fmt: skip
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"
         self._stale = False
@@ -281,12 +276,10 @@ class Newton:
         return scale
 
     def _changes(self, step: Array, scales: Mapping[str, float]) -> dict[str, float]:
-        whole = np.zeros(self.system.unknowns.size)
-        whole[self.free] = step
-        return {
-            name: float(np.max(np.abs(whole[self.system.unknowns.blocks[name]]), initial=0.0)) / scales[name]
-            for name in self.blocks
-        }
+        unknowns = self.system.unknowns
+        whole = np.zeros(unknowns.size)
+        whole[self.free] = np.abs(step)
+        return {name: float(np.max(whole[unknowns.blocks[name]], initial=0.0)) / scales[name] for name in self.blocks}
 
     def _failure_message(self, solution: Solution, scales: Mapping[str, float]) -> str:
         finite = {k: v for k, v in solution.changes.items() if np.isfinite(v)}

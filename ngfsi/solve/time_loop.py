@@ -187,12 +187,9 @@ class TimeLoop:
         previous = history.times[0] - history.times[1] if history.smooth >= 1 else None
         old = min(1, len(history.states) - 1)
         system.update(time + size)
-        system.set_rates(
-            weights(case.time.scheme, size, previous),
-            (history.states[0], history.states[old]),
-            (history.rates[0], history.rates[old]),
-            np.inf if case.time.scheme == "static" else size,
-        )
+        states, rates = (history.states[0], history.states[old]), (history.rates[0], history.rates[old])
+        step = np.inf if case.time.scheme == "static" else size
+        system.set_rates(weights(case.time.scheme, size, previous), states, rates, step)
         predicted = history.extrapolated(time + size)
         system.values[:] = predicted
         ahead = weights(case.time.scheme, size, size).new
