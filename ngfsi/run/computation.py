@@ -176,7 +176,7 @@ class Computation:
         if self.start:
             self._restore(loop, observers)
         stops.patient = True
-        with Progress(self.case.name, end=self.case.time.end, steps=loop.steps, quiet=quiet) as progress:
+        with Progress(self.case.name, end=self.case.time.end, steps=len(loop.milestones), quiet=quiet) as progress:
             if self.start is None:
                 for observer in observers:
                     observer.look(0.0, None)
@@ -214,7 +214,7 @@ class Computation:
             self._time = step.time
             self._factorisations += step.solution.factorisations
             for observer in observers:
-                if step.time == loop.end or (observer.every > 0 and step.index % observer.every == 0):
+                if step.time == loop.milestones[-1] or (observer.every > 0 and step.index % observer.every == 0):
                     observer.look(step.time, step)
             progress.advance(step.index, step.time, step.solution.iterations)
             if self._checkpoint_due(step):

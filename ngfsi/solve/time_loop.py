@@ -86,7 +86,11 @@ class History:
 
 
 class TimeLoop:
-    """Advances a system from its initial state to the end of the case."""
+    """Advances a system from its initial state to the end of the case.
+
+    Attributes:
+        milestones: times (s) that are hit, which are those of all steps if none is shortened; the last is the end.
+    """
 
     def __init__(
         self, case: Case, system: System, newton: Newton, inspect: Callable[[], str] = str, say: Say = silent,
@@ -105,17 +109,7 @@ class TimeLoop:
         self._inspect, self._say, self._explain = inspect, say, explain
         self._may_grow = True
         self.history = history or History()
-        self._milestones = self._plan()
-
-    @property
-    def steps(self) -> int:
-        """Number of steps if none fails."""
-        return len(self._milestones)
-
-    @property
-    def end(self) -> float:
-        """Time (s) of the last step."""
-        return self._milestones[-1]
+        self.milestones = self._plan()
 
     def arrays(self) -> dict[str, Array]:
         """Return as plain arrays all that the steps to come depend on, for `restore`."""
@@ -151,7 +145,7 @@ class TimeLoop:
         self._begin()
         time = self.history.times[0]
         self.system.values[:] = self.history.states[0]
-        for milestone in self._milestones:
+        for milestone in self.milestones:
             while milestone - time > SAME_TIME * self.case.time.step:
                 started = perf_counter()
                 size, solution = self._advance(time, milestone)
