@@ -17,38 +17,15 @@ import tomli_w
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ngfsi import registry
 from ngfsi.case.geometries import find_geometry, is_geometry, name_of
 from ngfsi.conditions import ConditionModel, Cuff, FlowOpening, OpeningModel, PressureOpening
 from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.config.messages import key_error
-from ngfsi.config.model import ConfigModel
-from ngfsi.errors import CaseError, GeometryError, NgfsiError
+from ngfsi.config.model import ConfigModel, registered
+from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.units import MMHG, Pressure, Time
-
-
-def _registered(value: Any, info: ValidationInfo, group: str, base: type[ConfigModel]) -> Any:
-    """Return the condition of a group that a table with its name under `kind` describes."""
-    if isinstance(value, base):
-        return value
-    if not isinstance(value, dict) or "kind" not in value:
-        text = f"a table with kind = one of {', '.join(registry.names(group)) or 'those that a plugin registers'}"
-        raise PydanticCustomError("table", "{text}", {"text": text})
-    try:
-        model = registry.find(group, str(value["kind"]), "kind")
-    except NgfsiError as error:
-        raise key_error("kind", f"has an unknown value: {error}") from None
-    return model.model_validate(value, context=info.context)
-
-
-def _opening(value: Any, info: ValidationInfo) -> Any:
-    return _registered(value, info, "ngfsi.openings", OpeningModel)
-
-
-def _condition(value: Any, info: ValidationInfo) -> Any:
-    return _registered(value, info, "ngfsi.conditions", ConditionModel)
 
 
 def _build_geometry(value: Any, info: ValidationInfo) -> Any:
@@ -116,10 +93,12 @@ class Loads(ConfigModel):
     """Pressure at the inlet, from which the flow follows; then `inlet_flow` is without effect."""
     outlet_pressure: PressureCurve = PressureConstant(value=10 * MMHG)
     """Blood pressure at the outlet; in veins that are holes in solids, which have no flow, all of it."""
-    openings: dict[str, Annotated[OpeningModel, BeforeValidator(_opening)]] = Field(default_factory=dict)
+    openings: dict[str, Annotated[OpeningModel, registered("kind", "ngfsi.openings", OpeningModel)]] = Field(
+        default_factory=dict
+    )
     """Name of an opening -> its condition, in place of the short forms above, which are those of `inlet` and `outlet`.
     """
-    further: tuple[Annotated[ConditionModel, BeforeValidator(_condition)], ...] = ()
+    further: tuple[Annotated[ConditionModel, registered("kind", "ngfsi.conditions", ConditionModel)], ...] = ()
     """Whatever else acts: conditions by the `kind` under which they are registered."""
 
     def __hash__(self) -> int:

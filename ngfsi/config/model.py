@@ -11,7 +11,7 @@ by the section's `refusal`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
@@ -19,6 +19,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, Union, get_args, 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
+from ngfsi import registry
 from ngfsi.config.messages import key_error, validation_message
 from ngfsi.errors import CaseError, NgfsiError, suggestion, unknown
 from ngfsi.units import SI_SUFFIX, UNITS, Dimension, suffixes, to_si
@@ -165,18 +166,37 @@ def si_key(cls: type[ConfigModel], name: str) -> str:
 def tagged(tag: str, *classes: type[ConfigModel]) -> BeforeValidator:
     """Return the pydantic annotation that reads a table as the one of `classes` whose tag it carries."""
     by_tag = {cls.model_fields[tag].default: cls for cls in classes}
-    accepted = ", ".join(f"'{name}'" for name in by_tag)
 
+    def find(name: str) -> type[ConfigModel]:
+        if name not in by_tag:
+            raise CaseError(unknown(tag, name, by_tag))
+        return by_tag[name]
+
+    return _by_tag(tag, classes, lambda: by_tag, find)
+
+
+def registered(tag: str, group: str, base: type[ConfigModel]) -> BeforeValidator:
+    """Return the annotation that reads a table as the `base` that the registry's group knows by the tag's value."""
+    return _by_tag(tag, base, lambda: registry.names(group), lambda name: registry.find(group, name, tag))
+
+
+def _by_tag(
+    tag: str, accepted: type[ConfigModel] | tuple[type[ConfigModel], ...], names: Callable[[], Iterable[str]],
+    find: Callable[[str], type[ConfigModel]],
+) -> BeforeValidator:  # fmt: skip
     def choose(value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, classes):
+        if isinstance(value, accepted):
             return value
-        if not isinstance(value, Mapping):
-            raise PydanticCustomError("table", "{text}", {"text": f"a table with {tag} = one of {accepted}"})
-        if tag not in value:
-            raise key_error(tag, f"is missing: write one of {accepted}")
-        if not isinstance(value[tag], str) or value[tag] not in by_tag:
-            raise key_error(tag, f"has an unknown value: {unknown(tag, str(value[tag]), by_tag)}")
-        return by_tag[value[tag]].model_validate(value, context=info.context)
+        if not isinstance(value, Mapping) or tag not in value:
+            listed = ", ".join(f"'{name}'" for name in names()) or "those that a plugin registers"
+            if isinstance(value, Mapping):
+                raise key_error(tag, f"is missing: write one of {listed}")
+            raise PydanticCustomError("table", "{text}", {"text": f"a table with {tag} = one of {listed}"})
+        try:
+            model = find(str(value[tag]))
+        except NgfsiError as error:
+            raise key_error(tag, f"has an unknown value: {error}") from None
+        return model.model_validate(value, context=info.context)
 
     return BeforeValidator(choose)
 

@@ -9,48 +9,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, ValidationInfo
+from pydantic import BeforeValidator
 from pydantic_core import PydanticCustomError
 
-from ngfsi import registry
 from ngfsi.config.messages import key_error
-from ngfsi.config.model import keys_of
-from ngfsi.errors import NgfsiError, unknown
+from ngfsi.config.model import keys_of, registered
+from ngfsi.errors import unknown
 from ngfsi.materials.fluid.law import FluidLaw
 from ngfsi.materials.law import Law
 from ngfsi.materials.parameter_sets import FLUIDS, SOLIDS, available_sets, label_of, read_set
 from ngfsi.materials.solid.law import SolidLaw
 
 
-def _solid(value: Any, info: ValidationInfo) -> Any:
-    return _material(value, info, SOLIDS, SolidLaw)
-
-
-def _fluid(value: Any, info: ValidationInfo) -> Any:
-    return _material(value, info, FLUIDS, FluidLaw)
-
-
-SolidMaterial = Annotated[SolidLaw, BeforeValidator(_solid)]
-"""A solid in a case: a law, or a table with `set` or `law`."""
-
-FluidMaterial = Annotated[FluidLaw, BeforeValidator(_fluid)]
-"""A fluid in a case: a law, or a table with `set` or `law`."""
-
-
-def _material(value: Any, info: ValidationInfo, group: str, base: type[Law]) -> Any:
-    """Return the law that the table describes, one of `group`, of which all are a `base`."""
-    if isinstance(value, base):
-        return value
+def _in_full(value: Any, base: type[Law]) -> Any:
+    """Return the table with its set, if it names one, written out."""
     if isinstance(value, Mapping) and "set" in value:
-        value = _set_as_table(value["set"], {key: v for key, v in value.items() if key != "set"}, base)
-    elif not isinstance(value, Mapping) or "law" not in value:
+        return _set_as_table(value["set"], {key: v for key, v in value.items() if key != "set"}, base)
+    if not isinstance(value, base) and not (isinstance(value, Mapping) and "law" in value):
         text = f"a table with set = one of {', '.join(_sets(base))}, or with a law and its parameters"
         raise PydanticCustomError("table", "{text}", {"text": text})
-    try:
-        law = registry.find(group, str(value["law"]), "law")
-    except NgfsiError as error:
-        raise key_error("law", f"has an unknown value: {error}") from None
-    return law.model_validate(value, context=info.context)
+    return value
 
 
 def _set_as_table(name: Any, changes: dict[str, Any], base: type[Law]) -> dict[str, Any]:
@@ -69,3 +47,14 @@ def _set_as_table(name: Any, changes: dict[str, Any], base: type[Law]) -> dict[s
 
 def _sets(base: type[Law]) -> list[str]:
     return [name for name in available_sets() if isinstance(read_set(name).material, base)]
+
+
+SolidMaterial = Annotated[
+    SolidLaw, registered("law", SOLIDS, SolidLaw), BeforeValidator(lambda value: _in_full(value, SolidLaw))
+]
+"""A solid in a case: a law, or a table with `set` or `law`."""
+
+FluidMaterial = Annotated[
+    FluidLaw, registered("law", FLUIDS, FluidLaw), BeforeValidator(lambda value: _in_full(value, FluidLaw))
+]
+"""A fluid in a case: a law, or a table with `set` or `law`."""
