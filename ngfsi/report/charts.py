@@ -194,8 +194,9 @@ def unrolled(runs: Runs) -> go.Figure:
     return figure.update_layout(coloraxis={"colorscale": SCALE, "colorbar": {"title": "Pa"}})
 
 
-def vein(run: StoredRun) -> go.Figure:
-    """Return the deformed inner walls with their wall shear stress, to be turned, at each of up to seven times."""
+def vein(runs: Runs) -> go.Figure:
+    """Return one run's deformed inner walls with their wall shear stress, to be turned, at up to seven times."""
+    (run,) = runs.values()
     times = run.field_times("wall")
     chosen = [times[i] for i in np.unique(np.linspace(0, len(times) - 1, min(7, len(times))).round().astype(int))]
     walls = [run.fields(time, "wall") for time in chosen]
@@ -207,9 +208,10 @@ def vein(run: StoredRun) -> go.Figure:
     return _stages(traces, [f"{time:.3g} s" for time in chosen], _camera(run, FROM_THE_SIDE, up=0))
 
 
-def half(run: StoredRun) -> go.Figure:
-    """Return the lower half of the deformed solids, coloured by displacement, to be turned, first and under the largest
-    load."""
+def half(runs: Runs) -> go.Figure:
+    """Return the lower half of one run's deformed solids, coloured by displacement, to be turned, first and under the
+    largest load."""
+    (run,) = runs.values()
     times = first_and_loaded(run)
     halves = [_skin_of(lower_half(run, time)) for time in times]
     high = float(halves[-1].point_data["displacement"].max())
@@ -249,9 +251,10 @@ def softest(runs: Runs) -> go.Figure:
     return figure
 
 
-def collapse(run: StoredRun) -> go.Figure:
-    """Return the lower half of the solids moved along the mode of collapse under the largest load, coloured by its
-    size."""
+def collapse(runs: Runs) -> go.Figure:
+    """Return the lower half of one run's solids moved along the mode of collapse under the largest load, coloured by
+    its size."""
+    (run,) = runs.values()
     time = first_and_loaded(run)[1]
     moved = _skin_of(lower_half(run, time))
     if COLLAPSE not in moved.point_data:

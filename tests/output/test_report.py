@@ -112,14 +112,8 @@ def test_the_cut(stored: StoredRun) -> None:
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason=f"no browser is installed: {', '.join(BROWSERS)}")
 def test_figures(stored: StoredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each chart is drawn as SVG with its title and the units of its axes, and as PNG that is not blank."""
-    charted = report_module._charts
-
-    def some(runs: Any) -> Any:
-        return [chart for chart in charted(runs) if chart[0] in ("Area of the lumen", "Vein in 3-D: fake")]
-
-    monkeypatch.setattr(report_module, "_charts", some)
-    monkeypatch.setattr(report_module, "_tube_charts", lambda _: [])
-    monkeypatch.setattr(report_module, "_in_one_dimension", lambda _: {}["nothing"])
+    few = [chart for chart in report_module.CHARTS if chart.title in ("Area of the lumen", "Vein in 3-D")]
+    monkeypatch.setattr(report_module, "CHARTS", few)
     files = {path.name: path for path in figures([stored.path], tmp_path / "figures")}
     assert set(files) == {"area_of_the_lumen.svg", "area_of_the_lumen.png", "vein_in_3_d__fake.png"}
     drawing = files["area_of_the_lumen.svg"].read_text(encoding="utf-8")
