@@ -34,22 +34,26 @@ def call(
     Raises:
         subprocess.TimeoutExpired: it took longer than `timeout` (s), and was killed.
     """
-    return subprocess.run(**_child(function, arguments, more), capture_output=True, timeout=timeout, check=False)
+    child, options = _child(function, arguments, more)
+    return subprocess.run(child, **options, capture_output=True, timeout=timeout, check=False)
 
 
 def start(
     function: str, *arguments: str | Path, more: Mapping[str, str] | None = None, **options: Any
 ) -> subprocess.Popen[str]:
     """Start a child process that calls a function, with options of `Popen`; its standard error is a pipe."""
-    return subprocess.Popen(**_child(function, arguments, more), stderr=subprocess.PIPE, **options)
+    child, own = _child(function, arguments, more)
+    return subprocess.Popen(child, **own, stderr=subprocess.PIPE, **options)
 
 
-def _child(function: str, arguments: Iterable[str | Path], more: Mapping[str, str] | None) -> dict[str, Any]:
-    """Return command and environment of a child: this process's, with the same paths to modules."""
+def _child(
+    function: str, arguments: Iterable[str | Path], more: Mapping[str, str] | None
+) -> tuple[list[str], dict[str, Any]]:
+    """Return command and options of a child, whose environment is this process's, with the same paths to modules."""
     known = (text for plugin in registry.plugins() for text in (PLUGIN, plugin))
     command = [sys.executable, "-m", "ngfsi.process", *known, function, *map(str, arguments)]
     paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
-    return {"args": command, "env": {**os.environ, "PYTHONPATH": paths, **(more or {})}, "text": True}
+    return command, {"env": {**os.environ, "PYTHONPATH": paths, **(more or {})}, "text": True}
 
 
 def last_line(said: str, otherwise: str = "it said nothing") -> str:

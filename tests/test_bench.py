@@ -87,7 +87,7 @@ def test_first_steps_are_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
         "series": {"time_s": np.array([0.0, 0.01, 0.04]), "lumen_volume_m3": np.array([9e-6, 8e-6]),
                    "sawss_Pa": np.array([9.0, 0.1, 0.3])},
     })()  # fmt: skip
-    monkeypatch.setattr(bench.process.subprocess, "run", lambda args, env, **_: child(args, env))
+    monkeypatch.setattr(bench.process.subprocess, "run", lambda command, env, **_: child(command, env))
     monkeypatch.setattr(bench, "perf_counter", lambda: next(clock))
     monkeypatch.setattr(bench, "open_run", lambda _: stored)
     found = bench.run_sample(bench.Setup(CASES["tiny"], threads=7), steps=3)

@@ -22,6 +22,7 @@ from ngfsi.report.shapes import (
     OFF_FACES,
     SHEAR,
     course,
+    evenly,
     first_and_loaded,
     is_plane,
     lower_half,
@@ -32,7 +33,7 @@ from ngfsi.report.shapes import (
 from ngfsi.store.fields import COLLAPSE
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.vessels import Frame
-from ngfsi.units import from_si
+from ngfsi.units import MMHG
 
 Array = NDArray[np.float64]
 Runs = Mapping[str, StoredRun]
@@ -59,13 +60,10 @@ def over_time(
         dashed: names of quantities drawn dashed.
     """
     figure = _figure("time [s]", label)
-    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+    for (title, run), colour in zip(runs.items(), COLOURS, strict=False):
         for name, values in quantities.items():
-            dash = "dash" if name in dashed else "solid"
             text = f"{title}: {name}" if len(quantities) > 1 else title
-            figure.add_scatter(
-                x=run.series["time_s"], y=values(run), name=text, mode="lines", line={"color": colour, "dash": dash}
-            )
+            _line(figure, run.series["time_s"], values(run), text, colour, "dash" if name in dashed else "solid")
     return figure
 
 
@@ -73,12 +71,10 @@ def causes(runs: Runs) -> go.Figure:
     """Return the rise of SAWSS by cause over time, stacked, a panel per run."""
     figure = _panels(list(runs), "time [s]", "SAWSS [Pa]", shared_yaxes=True)
     for column, run in enumerate(runs.values(), start=1):
-        times = run.series["time_s"]
+        times, place = run.series["time_s"], _place(column)
         for colour, (cause, values) in zip([QUIET, *COLOURS], decompose(run.series).items(), strict=False):
-            figure.add_bar(x=times, y=values, name=cause, marker_color=colour, legendgroup=cause,
-                           showlegend=column == 1, row=1, col=column)  # fmt: skip
-        figure.add_scatter(x=times, y=run.series["sawss_Pa"], name="computed", mode="lines", legendgroup="computed",
-                           showlegend=column == 1, line={"color": "black"}, row=1, col=column)  # fmt: skip
+            figure.add_bar(x=times, y=values, name=cause, marker_color=colour, legendgroup=cause, **place)
+        _line(figure, times, run.series["sawss_Pa"], "computed", "black", legendgroup="computed", **place)
     return figure.update_layout(barmode="relative", bargap=0)
 
 
@@ -86,12 +82,12 @@ def along_vein(runs: Runs, name: str, unit: str, factor: float, label: str) -> g
     """Return a quantity that the series hold for each station, over the position along the vessel: first (dotted) and
     under the largest load."""
     figure = _figure("position along the vein [mm]", label)
-    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+    for (title, run), colour in zip(runs.items(), COLOURS, strict=False):
         values = factor * run.along(name, unit)
         positions = np.linspace(0, course(run).length * 1e3, values.shape[1])
         for row, dash in ((0, "dot"), (run.series["time_s"].searchsorted(run.loaded_time), "solid")):
-            figure.add_scatter(x=positions, y=values[row], name=f"{title}, t = {run.series['time_s'][row]:.3g} s",
-                               mode="lines+markers", line={"color": colour, "dash": dash})  # fmt: skip
+            text = f"{title}, t = {run.series['time_s'][row]:.3g} s"
+            _line(figure, positions, values[row], text, colour, dash, "lines+markers")
     return figure
 
 
@@ -100,18 +96,18 @@ def tube_law(runs: Runs) -> go.Figure:
     traction on the wall (hollow), with the laws fitted to the first there is, a panel per run."""
     figure = _panels(list(runs), "transmural pressure [kPa]", "area at mid-length [mm²]", shared_yaxes=True)
     for column, run in enumerate(runs.values(), start=1):
-        place, shown = {"row": 1, "col": column}, {"showlegend": column == 1}
+        place = _place(column)
         area = areas(run)
         middle = area.shape[1] // 2
         for against in externals(run):
             symbol = "circle" if against == "skin" else "circle-open"
             pressure = transmural(run, against)[:, middle]
             figure.add_scatter(x=pressure / 1e3, y=area[:, middle] * 1e6, name=f"computed, against {against}",
-                               mode="markers", marker={"color": QUIET, "symbol": symbol}, **shown, **place)  # fmt: skip
+                               mode="markers", marker={"color": QUIET, "symbol": symbol}, **place)  # fmt: skip
         range_of = np.linspace(area[:, middle].min(), area[:, middle].max(), 60)
-        for colour, (name, fits) in zip(_colours(), tube_laws(run, externals(run)[0]).items(), strict=False):
-            figure.add_scatter(x=fits[middle].law.pressure(range_of) / 1e3, y=range_of * 1e6, name=name, mode="lines",
-                               line={"color": colour}, **shown, **place)  # fmt: skip
+        for colour, (name, fits) in zip(COLOURS, tube_laws(run, externals(run)[0]).items(), strict=False):
+            pressure = fits[middle].law.pressure(range_of)
+            _line(figure, pressure / 1e3, range_of * 1e6, name, colour, **place)
     return figure
 
 
@@ -121,24 +117,22 @@ def one_dimension(comparisons: Mapping[str, Comparison]) -> go.Figure:
     figure = _style(make_subplots(1, len(units), horizontal_spacing=0.08)).update_xaxes(title="time [s]")
     for column, (quantity, (label, factor)) in enumerate(units.items(), start=1):
         figure.update_yaxes(title=label, col=column)
-        for (title, compared), colour in zip(comparisons.items(), _colours(), strict=False):
+        for (title, compared), colour in zip(comparisons.items(), COLOURS, strict=False):
             for what, values, dash in (("3-D", compared.three, "solid"), ("1-D", compared.one, "dash")):
-                figure.add_scatter(x=compared.solution.times, y=factor * values[quantity], name=f"{title}, {what}",
-                                   mode="lines", line={"color": colour, "dash": dash}, showlegend=column == 1, row=1,
-                                   col=column)  # fmt: skip
+                _line(figure, compared.solution.times, factor * values[quantity], f"{title}, {what}", colour, dash,
+                      **_place(column))  # fmt: skip
     return figure
 
 
 def outlines(runs: Runs) -> go.Figure:
     """Return the outline of the lumen at mid-length, first (grey) and under the largest load, a panel per run."""
     figure = _sections(runs)
-    for column, (run, colour) in enumerate(zip(runs.values(), _colours(), strict=False), start=1):
+    for column, (run, colour) in enumerate(zip(runs.values(), COLOURS, strict=False), start=1):
         for time, shade in ((0.0, QUIET), (run.loaded_time, colour)):
             found, rings = run.outlines(time)
             ring = middle(run).across(rings[len(rings) // 2]) * 1e3
             x, y = np.vstack([ring, ring[:1]]).T
-            figure.add_scatter(x=x, y=y, name=f"t = {found:.3g} s", mode="lines", line={"color": shade}, row=1,
-                               col=column)  # fmt: skip
+            _line(figure, x, y, f"t = {found:.3g} s", shade, row=1, col=column)
     return figure
 
 
@@ -174,12 +168,11 @@ def around(runs: Runs) -> go.Figure:
     """Return the hydrostatic pressure of the tissue at the vein's wall over the angle, first (dotted) and under the
     largest load."""
     figure = _figure(_angle(runs), "pressure at the wall [kPa]")
-    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+    for (title, run), colour in zip(runs.items(), COLOURS, strict=False):
         for time, dash in zip(first_and_loaded(run), ("dot", "solid"), strict=True):
             angle, pressure = Surroundings.of(run, time).by_angle()
-            figure.add_scatter(x=np.degrees(angle), y=pressure / 1e3, name=f"{title}, t = {time:.3g} s",
-                               mode="lines+markers", connectgaps=True,
-                               line={"color": colour, "dash": dash})  # fmt: skip
+            _line(figure, np.degrees(angle), pressure / 1e3, f"{title}, t = {time:.3g} s", colour, dash,
+                  "lines+markers", connectgaps=True)  # fmt: skip
     return figure
 
 
@@ -197,8 +190,7 @@ def unrolled(runs: Runs) -> go.Figure:
 def vein(runs: Runs) -> go.Figure:
     """Return one run's deformed inner walls with their wall shear stress, to be turned, at up to seven times."""
     (run,) = runs.values()
-    times = run.field_times("wall")
-    chosen = [times[i] for i in np.unique(np.linspace(0, len(times) - 1, min(7, len(times))).round().astype(int))]
+    chosen = evenly(run.field_times("wall"), 7)
     walls = [run.fields(time, "wall") for time in chosen]
     high = float(np.percentile(walls[-1].point_data[SHEAR], 99))
     traces = [
@@ -226,28 +218,24 @@ def stability(runs: Runs) -> go.Figure:
     figure.update_yaxes(title="critical pressure on the skin [mmHg]", col=1)
     figure.update_yaxes(title="smallest eigenvalue [1/s²]", col=2)
     highest = 0.0
-    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
+    for (title, run), colour in zip(runs.items(), COLOURS, strict=False):
         table = run.stability
-        skin, critical = (
-            np.array([from_si(value, "mmHg") for value in table[name]])
-            for name in ("skin_pressure_Pa", "critical_skin_pressure_Pa")
-        )
+        skin, critical = (table[name] / MMHG for name in ("skin_pressure_Pa", "critical_skin_pressure_Pa"))
+        critical = np.where(np.isfinite(critical), critical, np.nan)
         highest = max(highest, float(skin.max()))
-        for column, values in ((1, np.where(np.isfinite(critical), critical, np.nan)),
-                               (2, table["smallest_eigenvalue_1_s2"])):  # fmt: skip
-            figure.add_scatter(x=skin, y=values, name=title, mode="lines+markers", line={"color": colour},
-                               legendgroup=title, showlegend=column == 2, row=1, col=column)  # fmt: skip
-    figure.add_scatter(x=[0, highest], y=[0, highest], name="collapse", mode="lines",
-                       line={"color": QUIET, "dash": "dash"}, row=1, col=1)  # fmt: skip
+        for column, values in ((1, critical), (2, table["smallest_eigenvalue_1_s2"])):
+            _line(figure, skin, values, title, colour, mode="lines+markers", legendgroup=title,
+                  showlegend=column == 2, row=1, col=column)  # fmt: skip
+    _line(figure, [0, highest], [0, highest], "collapse", QUIET, "dash", row=1, col=1)
     return figure
 
 
 def softest(runs: Runs) -> go.Figure:
     """Return the stiffness of the softest motion of plane sections at each stage."""
     figure = _figure("time [s]", "stiffness over that of shear [1]")
-    for (title, run), colour in zip(runs.items(), _colours(), strict=False):
-        figure.add_scatter(x=run.stability["time_s"], y=run.stability["softest_stiffness_1"], name=title,
-                           mode="lines+markers", line={"color": colour})  # fmt: skip
+    for (title, run), colour in zip(runs.items(), COLOURS, strict=False):
+        table = run.stability
+        _line(figure, table["time_s"], table["softest_stiffness_1"], title, colour, mode="lines+markers")
     return figure
 
 
@@ -273,10 +261,8 @@ def _skin_of(grid: Any) -> Any:
 def _camera(run: StoredRun, eye: Sequence[float], up: int) -> dict[str, Any]:
     """Return plotly's camera for a way to look, as components along the axes of the vessel's middle."""
     axes = middle(run).axes
-    return {
-        name: dict(zip("xyz", map(float, way), strict=True))
-        for name, way in (("eye", np.dot(eye, axes)), ("up", axes[up]))
-    }
+    ways = {"eye": np.dot(eye, axes), "up": axes[up]}
+    return {name: dict(zip("xyz", map(float, way), strict=True)) for name, way in ways.items()}
 
 
 def _angle(runs: Runs) -> str:
@@ -324,8 +310,15 @@ def _stages(traces: Sequence[go.Mesh3d], labels: Sequence[str], camera: Mapping[
     )  # fmt: skip
 
 
-def _colours() -> list[str]:
-    return list(COLOURS)
+def _line(
+    figure: go.Figure, x: Any, y: Any, name: str, colour: str, dash: str = "solid", mode: str = "lines", **more: Any
+) -> None:
+    figure.add_scatter(x=x, y=y, name=name, mode=mode, line={"color": colour, "dash": dash}, **more)
+
+
+def _place(column: int) -> dict[str, Any]:
+    """Return where a line is drawn, whose legend is that of the first panel."""
+    return {"row": 1, "col": column, "showlegend": column == 1}
 
 
 def _figure(x: str, y: str) -> go.Figure:
@@ -339,9 +332,5 @@ def _panels(titles: list[str], x: str, y: str, **options: Any) -> go.Figure:
 
 
 def _style(figure: go.Figure) -> go.Figure:
-    return figure.update_layout(
-        template="simple_white",
-        height=420,
-        margin={"l": 60, "r": 20, "t": 40, "b": 50},
-        legend={"orientation": "h", "y": -0.2},
-    )
+    margin, legend = {"l": 60, "r": 20, "t": 40, "b": 50}, {"orientation": "h", "y": -0.2}
+    return figure.update_layout(template="simple_white", height=420, margin=margin, legend=legend)

@@ -24,7 +24,7 @@ from matplotlib.colors import Normalize
 from PIL import Image
 
 from ngfsi import process
-from ngfsi.report.shapes import FROM_BEHIND, SHEAR, lower_half, middle
+from ngfsi.report.shapes import FROM_BEHIND, SHEAR, evenly, lower_half, middle
 from ngfsi.store.disk import explained
 from ngfsi.store.stored import StoredRun, open_run
 from ngfsi.store.vessels import Frame
@@ -95,8 +95,7 @@ def animation(run: StoredRun, path: Path) -> str:
             "holds no fields of the wall yet" if run.lumens else "is of no vessel with blood: there is no wall shear"
         )
         return f"the run in '{run.path}' {lacks}"
-    chosen = [times[i] for i in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int))]
-    return _in_child(Request("animation", {run.case.name: str(run.path)}, chosen, str(path)))
+    return _in_child(Request("animation", {run.case.name: str(run.path)}, evenly(times, FRAMES), str(path)))
 
 
 def _in_child(request: Request) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,12 @@ def is_plane(grid: Any) -> bool:
 def middle(run: StoredRun) -> Frame:
     """Return the plane across the middle of the run's vessel."""
     return course(run).frame(0.5)
+
+
+def evenly(times: Sequence[float], most: int) -> list[float]:
+    """Return at most so many of the times, the first and the last among them."""
+    chosen = np.linspace(0, len(times) - 1, min(most, len(times))).round().astype(int)
+    return [times[i] for i in np.unique(chosen)]
 
 
 def unroll(run: StoredRun) -> tuple[Array, Array, Array]:
