@@ -10,9 +10,8 @@ import json
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -50,24 +49,13 @@ SHADED: dict[str, Any] = {
 """Mostly ambient light, since shades would be read as values."""
 
 
-@dataclass(frozen=True)
-class Request:
-    """A picture: what to draw of which runs (title -> folder) at which times [s], and where to put it."""
-
-    kind: Literal["displacement", "wall_shear", "animation"]
-    runs: dict[str, str]
-    times: list[float]
-    path: str
-
-
 def displacement_picture(runs: Mapping[str, StoredRun], time: float, path: Path) -> str:
     """Draw the deformed solids at `time` [s], cut open to the vein and coloured by displacement, a panel per run.
 
     Returns:
         Why there is no picture; empty when there is one.
     """
-    folders = {title: str(run.path) for title, run in runs.items()}
-    return _in_child(Request("displacement", folders, [time], str(path)))
+    return _in_child("displacement", runs, [time], path)
 
 
 def wall_shear_picture(runs: Mapping[str, StoredRun], times: Sequence[float], path: Path) -> str:
@@ -76,8 +64,7 @@ def wall_shear_picture(runs: Mapping[str, StoredRun], times: Sequence[float], pa
     Returns:
         Why there is no picture; empty when there is one.
     """
-    folders = {title: str(run.path) for title, run in runs.items()}
-    return _in_child(Request("wall_shear", folders, list(times), str(path)))
+    return _in_child("wall_shear", runs, times, path)
 
 
 def animation(run: StoredRun, path: Path) -> str:
@@ -95,17 +82,17 @@ def animation(run: StoredRun, path: Path) -> str:
             "holds no fields of the wall yet" if run.lumens else "is of no vessel with blood: there is no wall shear"
         )
         return f"the run in '{run.path}' {lacks}"
-    return _in_child(Request("animation", {run.case.name: str(run.path)}, evenly(times, FRAMES), str(path)))
+    return _in_child("animation", {run.case.name: run}, evenly(times, FRAMES), path)
 
 
-def _in_child(request: Request) -> str:
-    path = Path(request.path)
+def _in_child(kind: str, runs: Mapping[str, StoredRun], times: Sequence[float], path: Path) -> str:
     with explained(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory(prefix="ngfsi-render-") as scratch:
         file = Path(scratch) / "request.json"
-        file.write_text(json.dumps(asdict(request)), encoding="utf-8")
+        folders = {title: str(run.path) for title, run in runs.items()}
+        file.write_text(json.dumps([kind, folders, list(times), str(path)]), encoding="utf-8")
         try:
             child = process.call("ngfsi.report.render:main", file, timeout=TIMEOUT)
         except subprocess.TimeoutExpired:
@@ -119,13 +106,11 @@ def _in_child(request: Request) -> str:
 def main(file: str) -> None:
     """Child process: draw the requested picture."""
     matplotlib.use("Agg")
-    request = Request(**json.loads(Path(file).read_text(encoding="utf-8")))
-    probe = pv.Plotter(off_screen=True, window_size=(10, 10))
-    probe.screenshot()
+    kind, folders, times, path = json.loads(Path(file).read_text(encoding="utf-8"))
+    pv.Plotter(off_screen=True, window_size=(10, 10)).screenshot()
     print(OPENGL_WORKS, flush=True)
-    runs = {title: open_run(folder) for title, folder in request.runs.items()}
     draw = {"displacement": _draw_displacement, "wall_shear": _draw_wall_shear, "animation": _draw_animation}
-    draw[request.kind](runs, request.times, request.path)
+    draw[kind]({title: open_run(folder) for title, folder in folders.items()}, times, path)
 
 
 def _draw_displacement(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
