@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.stats import binned_statistic
 
 from ngfsi.errors import OutputError
 from ngfsi.store.fields import DISPLACEMENT, REGION
@@ -60,7 +61,8 @@ class Surroundings:
 
     def by_angle(self) -> tuple[Array, Array]:
         """Return the middles of even sectors (rad) and the mean pressure (Pa) in each, NaN where no node is."""
-        return _means(self.angle, self.pressure, np.linspace(-np.pi, np.pi, ANGLES + 1))
+        mean, edges, _ = binned_statistic(self.angle, self.pressure, "mean", ANGLES, (-np.pi, np.pi))
+        return (edges[1:] + edges[:-1]) / 2, mean
 
 
 def transmission(run: StoredRun) -> Array:
@@ -75,10 +77,3 @@ def transmission(run: StoredRun) -> Array:
     arrived = run.series["p_tissue_side_Pa"] - run.series["p_tissue_side_Pa"][0]
     rise = np.zeros_like(arrived) if run.skin_pressure is None else run.skin_pressure - run.skin_pressure[0]
     return np.asarray(np.divide(arrived, rise, out=np.full_like(arrived, np.nan), where=rise != 0))
-
-
-def _means(places: Array, values: Array, edges: Array) -> tuple[Array, Array]:
-    part = np.clip(np.searchsorted(edges, places, side="right") - 1, 0, len(edges) - 2)
-    counts, sums = (np.bincount(part, weights, len(edges) - 1) for weights in (None, values))
-    with np.errstate(invalid="ignore"):
-        return (edges[1:] + edges[:-1]) / 2, sums / counts

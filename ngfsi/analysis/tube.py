@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,8 @@ Against = Literal["skin", "tissue"]
 
 def externals(run: StoredRun) -> tuple[Against, ...]:
     """Return what the external pressure of a vessel can be: with cuffs none on the skin is that of the whole vessel."""
-    has = {
-        "skin": "skin_pressure_Pa" in run.series and not run.case.loads.cuffs,
-        "tissue": "p_transmural_z00_Pa" in run.series,
-    }
-    return tuple(against for against in get_args(Against) if has[against])
-
-
-def areas(run: StoredRun) -> Array:
-    """Return the area (m2) of each station over time, (times, stations)."""
-    return run.along("area", "m2")
+    skin: tuple[Against, ...] = ("skin",) if "skin_pressure_Pa" in run.series and not run.case.loads.cuffs else ()
+    return (*skin, "tissue") if "p_transmural_z00_Pa" in run.series else skin
 
 
 def transmural(run: StoredRun, against: Against) -> Array:
@@ -64,7 +56,7 @@ def tube_laws(run: StoredRun, against: Against = "skin") -> Mapping[str, list[Fi
         )
     if run.own_vessel.wall is None:
         raise OutputError(f"the run in '{run.path}' has a rigid wall: its area follows no tube law")
-    pressure, area = transmural(run, against), areas(run)
+    pressure, area = transmural(run, against), run.along("area", "m2")
     fits = {name: [fit(name, p, a) for p, a in zip(pressure.T, area.T, strict=True)] for name in LAWS}
     return dict(sorted(fits.items(), key=lambda item: overall_error(item[1])))
 

@@ -19,8 +19,7 @@ def read_columns(path: Path, wanted: Mapping[str, str]) -> dict[str, Array]:
     """Return columns of a CSV file in SI, by the name without unit; other columns are left alone.
 
     Args:
-        wanted: name -> dimension of ngfsi.units, e.g. {"x": "length"} for a column `x_mm`; "1" for pure numbers, whose
-            heads have no unit.
+        wanted: name -> dimension of ngfsi.units, e.g. {"x": "length"} for a column `x_mm`.
 
     Raises:
         OutputError: the file cannot be read, lacks a column or holds something else than finite numbers.
@@ -28,13 +27,13 @@ def read_columns(path: Path, wanted: Mapping[str, str]) -> dict[str, Array]:
     head, body = _read(path)
     found: dict[str, Array] = {}
     for name, dimension in wanted.items():
-        known = {name: ""} if dimension == "1" else {f"{name}_{unit}": unit for unit in suffixes(dimension)}
+        known = {f"{name}_{unit}": unit for unit in suffixes(dimension)}
         here = [column for column in head if column in known]
         if not here:
             listed = ", ".join(known)
             raise OutputError(f"'{path}' has no column of '{name}': name it one of {listed}; there are {head}")
-        unit, values = known[here[0]], _numbers(path, head, body, head.index(here[0]))
-        found[name] = np.array([to_si(value, unit) if unit else value for value in values])
+        values = _numbers(path, head, body, head.index(here[0]))
+        found[name] = np.array([to_si(value, known[here[0]]) for value in values])
     return found
 
 
@@ -64,15 +63,13 @@ def _read(path: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def _numbers(path: Path, head: list[str], body: list[list[str]], place: int) -> list[float]:
-    return [_number(path, line, head[place], row, place) for line, row in enumerate(body, start=2)]
-
-
-def _number(path: Path, line: int, column: str, row: list[str], place: int) -> float:
-    text = row[place] if place < len(row) else ""
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise OutputError(f"'{path}', line {line}: '{text}' in column '{column}' is not a finite number")
-    return value
+    values = []
+    for line, row in enumerate(body, start=2):
+        text = row[place] if place < len(row) else ""
+        try:
+            values.append(float(text))
+        except ValueError:
+            values.append(np.nan)
+        if not np.isfinite(values[-1]):
+            raise OutputError(f"'{path}', line {line}: '{text}' in column '{head[place]}' is not a finite number")
+    return values

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from ngfsi.config.columns import read_columns
 from ngfsi.errors import MaterialError
 from ngfsi.materials.solid.law import Invariants
 from ngfsi.materials.solid.mooney_rivlin import MooneyRivlin
@@ -58,16 +56,6 @@ class UniaxialFit:
         return known if self.told_apart else f"{known}: c10 and c01 cannot be told apart by this test"
 
 
-def read_test(path: Path) -> tuple[Array, Array]:
-    """Return stretch and nominal stress (Pa, tension positive) of a CSV file with columns `stretch` and `stress_kPa`.
-
-    Raises:
-        OutputError: the file cannot be read.
-    """
-    columns = read_columns(path, {"stretch": "1", "stress": "pressure"})
-    return columns["stretch"], columns["stress"]
-
-
 def nominal_stress(stretch: Array, constants: Array) -> Array:
     """Return the nominal stress (Pa) of an incompressible bar under uniaxial stretch for c10, c01, c11 (Pa)."""
     return np.asarray(design(stretch) @ constants)
@@ -107,13 +95,12 @@ def fit(stretch: Array, stress: Array) -> UniaxialFit:
     covariance = shape * (gap @ gap) / freedom
     factor = student.ppf(0.975, freedom)
     sd = np.sqrt(np.diag(shape))
-    combined = {sign: np.array([1.0, sign, 0.0]) for sign in (1.0, -1.0)}
-    half = {sign: factor * np.sqrt(a @ covariance @ a) for sign, a in combined.items()}
+    half = [factor * np.sqrt(a @ covariance @ a) for a in ([1.0, 1.0, 0.0], [1.0, -1.0, 0.0])]
     return UniaxialFit(
         constants=constants,
         half_width=factor * np.sqrt(np.diag(covariance)),
         correlation=shape / np.outer(sd, sd),
         residual=float(np.sqrt(np.mean(gap**2))),
-        sum_half_width=float(half[1.0]),
-        difference_half_width=float(half[-1.0]),
+        sum_half_width=float(half[0]),
+        difference_half_width=float(half[1]),
     )

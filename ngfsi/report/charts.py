@@ -14,7 +14,7 @@ from plotly.subplots import make_subplots
 
 from ngfsi.analysis.decomposition import decompose
 from ngfsi.analysis.transmission import Surroundings
-from ngfsi.analysis.tube import Comparison, areas, externals, transmural, tube_laws
+from ngfsi.analysis.tube import Comparison, externals, transmural, tube_laws
 from ngfsi.report.figures import COLOURS, QUIET
 from ngfsi.report.shapes import (
     FROM_ABOVE,
@@ -97,7 +97,7 @@ def tube_law(runs: Runs) -> go.Figure:
     figure = _panels(list(runs), "transmural pressure [kPa]", "area at mid-length [mm²]", shared_yaxes=True)
     for column, run in enumerate(runs.values(), start=1):
         place = _place(column)
-        area = areas(run)
+        area = run.along("area", "m2")
         middle = area.shape[1] // 2
         for against in externals(run):
             symbol = "circle" if against == "skin" else "circle-open"
