@@ -16,9 +16,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ngfsi.arrays import Array
 
 STAGES = {
     "narrowing": "sawss_poiseuille_inlet_Pa",

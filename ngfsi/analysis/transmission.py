@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import binned_statistic
 
+from ngfsi.arrays import Array
 from ngfsi.errors import OutputError
 from ngfsi.store.fields import DISPLACEMENT, REGION
 from ngfsi.store.stored import StoredRun
-
-Array = NDArray[np.float64]
 
 SAME_NODE = 1e-4
 """Nodes of tissue and wall this close, as a fraction of the lumen's radius, are one node of the face between them; they

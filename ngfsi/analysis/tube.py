@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ngfsi.analysis.tube_law import LAWS, Fit, TubeLaw, fit
 from ngfsi.analysis.vein_1d import CELLS, CollapsibleVein, Solution
+from ngfsi.arrays import Array
 from ngfsi.errors import OutputError
 from ngfsi.store.stored import StoredRun
 
-Array = NDArray[np.float64]
 Against = Literal["skin", "tissue"]
 """What is taken for the external pressure: that on the skin, or the tissue's normal traction on the wall."""
 

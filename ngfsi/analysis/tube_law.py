@@ -15,12 +15,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import elementwise, least_squares
 
+from ngfsi.arrays import Array
 from ngfsi.errors import SolverError
 
-Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
 
 LAWS: Mapping[str, tuple[Function, Function]] = {

@@ -19,15 +19,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.special import jn_zeros
 
 from ngfsi.analysis.tube_law import TubeLaw
+from ngfsi.arrays import Array
 from ngfsi.errors import SolverError
 
-Array = NDArray[np.float64]
 OverTime = Callable[[float], float]
 
 CELLS = 30

@@ -7,12 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.errors import OutputError
 from ngfsi.units import UNITS, suffixes, to_si
-
-Array = NDArray[np.float64]
 
 
 def read_columns(path: Path, wanted: Mapping[str, str]) -> dict[str, Array]:

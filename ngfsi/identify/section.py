@@ -6,17 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares, root_scalar
 
+from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.errors import MaterialError, SolverError
 from ngfsi.measure.plane import PlaneSectionProbe
 from ngfsi.mesh.domain import Domain
 from ngfsi.solve.statics import equilibrium
 from ngfsi.system.system import System
-
-Array = NDArray[np.float64]
 
 SECOND = 1.25
 """Second trial of the root finding, over the first."""

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from ngfsi.arrays import Array
 from ngfsi.errors import MaterialError
 from ngfsi.materials.solid.law import Invariants
 from ngfsi.materials.solid.mooney_rivlin import MooneyRivlin
-
-Array = NDArray[np.float64]
 
 CONSTANTS = ("c10", "c01", "c11")
 COMPLEX_STEP = 1e-30

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
+from ngfsi.arrays import Array
 from ngfsi.errors import CaseError
-
-Array = NDArray[np.float64]
 
 SMOOTHING = 0.08
 """Width of the filter with which the beginnings of cycles are looked for, as a fraction of the period."""

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 import pyvista as pv
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from ngfsi.analysis.decomposition import decompose
 from ngfsi.analysis.transmission import Surroundings
 from ngfsi.analysis.tube import Comparison, externals, transmural, tube_laws
+from ngfsi.arrays import Array
 from ngfsi.report.figures import COLOURS, QUIET
 from ngfsi.report.shapes import (
     FROM_ABOVE,
@@ -35,7 +35,6 @@ from ngfsi.store.stored import StoredRun
 from ngfsi.store.vessels import Frame
 from ngfsi.units import MMHG
 
-Array = NDArray[np.float64]
 Runs = Mapping[str, StoredRun]
 """Title -> run, in the order of their colours."""
 

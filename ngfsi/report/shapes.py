@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.store.fields import DISPLACEMENT, REGION
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.vessels import Course, Frame
-
-Array = NDArray[np.float64]
 
 SHEAR = "wall_shear_magnitude_Pa"
 AROUND, ALONG = 121, 61

@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import ngsolve as ng
-import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.errors import SolverError
 from ngfsi.measure.probe import Probe
@@ -45,11 +44,11 @@ class Observer:
         """Whether the state at a time (s) has been written."""
         return True
 
-    def state_arrays(self) -> dict[str, NDArray[np.float64]]:
+    def state_arrays(self) -> dict[str, Array]:
         """Return what later looks depend on, for `restore_state`."""
         return {}
 
-    def restore_state(self, arrays: Mapping[str, NDArray[np.float64]]) -> None:
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
         """Take what `state_arrays` returned; the system may be left in another state."""
 
 
@@ -124,10 +123,10 @@ class VolumeFields(Observer):
     def looked_at(self, time: float) -> bool:
         return time in self._writer.times["volume"]
 
-    def state_arrays(self) -> dict[str, NDArray[np.float64]]:
+    def state_arrays(self) -> dict[str, Array]:
         return self._stability.arrays() if self._stability else {}
 
-    def restore_state(self, arrays: Mapping[str, NDArray[np.float64]]) -> None:
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
         if self._stability:
             self._stability.restore(arrays)
 

@@ -18,6 +18,7 @@ from zipfile import ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.errors import OutputError
 from ngfsi.store.disk import UNFINISHED, explained, replace_file
 
@@ -27,7 +28,7 @@ SUFFIX, RECORD = ".npz", "record"
 DIGITS = 64
 """Of the SHA-256, which stands at the end of the file as a zip file's comment."""
 
-Arrays = dict[str, NDArray[np.float64]]
+Arrays = dict[str, Array]
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ from pathlib import Path
 from typing import IO, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.errors import OutputError
 from ngfsi.store.disk import explained, replace_file
@@ -130,7 +130,7 @@ class RunFolder:
         self._log.close()
 
 
-def outline_rows(of: Mapping[str, float], rings: NDArray[np.float64]) -> list[dict[str, float]]:
+def outline_rows(of: Mapping[str, float], rings: Array) -> list[dict[str, float]]:
     """Return the rows of outlines.csv for cross-sections at one time.
 
     Args:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Mask, Numbers
 from ngfsi.case import Case
 from ngfsi.errors import OutputError
 from ngfsi.measure.shear_history import ShearHistory, slope, within
@@ -28,7 +28,7 @@ COMMON = ("time_", "step_", "skin_", "displacement_", "detF_")
 """Beginnings of columns that are of no single vessel."""
 
 Which = Literal["volume", "wall"]
-Columns = dict[str, NDArray[np.float64]]
+Columns = dict[str, Array]
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class StoredRun:
         return {vessel.lumen for vessel in self.case.geometry.vessels if vessel.lumen}
 
     @cached_property
-    def skin_pressure(self) -> NDArray[np.float64] | None:
+    def skin_pressure(self) -> Array | None:
         """Pressure on the skin over time, mean over its area with all cuffs, Pa; None: there is none."""
         found = self.series.get("skin_pressure_mean_Pa", self.series.get("skin_pressure_Pa"))
         return found if found is not None and np.any(found) else None
@@ -112,7 +112,7 @@ class StoredRun:
         return [mean, most] if most - mean > EVEN * abs(mean) else [mean]
 
     @property
-    def _loaded_rows(self) -> NDArray[np.int64]:
+    def _loaded_rows(self) -> Numbers:
         """Rows of the series in which the load is at its largest: the size of the pressure on the skin, or else, of
         solids alone, their displacement; all rows if that never changes."""
         load = self.skin_pressure
@@ -134,7 +134,7 @@ class StoredRun:
         alone without such, their displacement; the end where there is no load that changes."""
         return float(self.series["time_s"][self._loaded_rows[-1]])
 
-    def along(self, name: str, unit: str) -> NDArray[np.float64]:
+    def along(self, name: str, unit: str) -> Array:
         """Return a quantity of the series at each station along the vessel over time, (times, stations).
 
         Raises:
@@ -184,7 +184,7 @@ class StoredRun:
             table = _chosen(table, table["branch"] == self._branch_number)
         return table
 
-    def outlines(self, time: float) -> tuple[float, NDArray[np.float64]]:
+    def outlines(self, time: float) -> tuple[float, Array]:
         """Return the stored time [s] nearest to `time` and the vessel's cross-sections then, (stations, points, 3) [m].
 
         Raises:
@@ -276,7 +276,7 @@ class StoredRun:
         return pyvista.get_reader(str(path)) if path.exists() else None
 
 
-def _chosen(table: Columns, rows: NDArray[np.bool_]) -> Columns:
+def _chosen(table: Columns, rows: Mask) -> Columns:
     return {name: column[rows] for name, column in table.items()}
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.errors import OutputError
 from ngfsi.store.disk import explained, replace_file
 
@@ -104,7 +104,7 @@ def write_parquet(path: Path, rows: Sequence[Mapping[str, float | str]]) -> bool
     return True
 
 
-def read_table(path: Path) -> dict[str, NDArray[np.float64]]:
+def read_table(path: Path) -> dict[str, Array]:
     """Return the columns of a CSV file; empty when it does not exist. A last line cut short by a crash is left out.
 
     Raises:

@@ -8,13 +8,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array, Mask
 from ngfsi.errors import OutputError
 from ngfsi.mesh.centreline import Centreline
 from ngfsi.mesh.geometry import Point, Vessel
-
-Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 SAME_LINE = 1.05
@@ -121,7 +119,7 @@ class StoredVessel(Vessel):
         others = {"": self.centreline or (), **self.further}
         return replace(self, centreline=others.pop(name), further=others)
 
-    def has_near(self, points: Array) -> NDArray[np.bool_]:
+    def has_near(self, points: Array) -> Mask:
         """Return which of points (n, 3) [m] of the vessel are around its centreline, and not around another of its."""
         if not self.further:
             return np.ones(len(points), dtype=bool)

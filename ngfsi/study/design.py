@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.errors import CaseError
 
-Array = NDArray[np.float64]
 Ranges = Mapping[str, tuple[float, float]]
 Kind = Literal["points", "saltelli", "morris"]
 

@@ -11,16 +11,15 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.optimize import differential_evolution
 
+from ngfsi.arrays import Array, Mask
 from ngfsi.errors import CaseError
 from ngfsi.study.design import Design
 
-Array = NDArray[np.float64]
 Place = Callable[[Array], Array]
-Allowed = Callable[[Array], NDArray[np.bool_]]
+Allowed = Callable[[Array], Mask]
 
 RESTARTS = 4
 """Starts of the search for the kernel's lengths, beside the first."""

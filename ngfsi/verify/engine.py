@@ -18,9 +18,9 @@ from types import ModuleType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ngfsi import registry
+from ngfsi.arrays import Array
 from ngfsi.errors import NgfsiError, OutputError
 from ngfsi.solve.initial import Say, silent
 
@@ -50,7 +50,7 @@ class Signals:
     """
 
     columns: tuple[str, ...]
-    rows: NDArray[np.float64]
+    rows: Array
 
     def write(self, path: Path) -> None:
         """Store as CSV."""
