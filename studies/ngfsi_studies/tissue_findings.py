@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.analysis.decomposition import STAGES, decompose
-from ngfsi.analysis.tube import areas, transmural
+from ngfsi.analysis.tube import transmural
 from ngfsi.analysis.tube_law import fit
 from ngfsi.errors import SolverError
 from ngfsi.store.stored import StoredRun
@@ -199,9 +199,9 @@ def pattern(run: StoredRun, time: float) -> Pattern:
 
 def tube_stiffness(run: StoredRun) -> float | None:
     """Return K (Pa) of the linear tube law p - p_skin = K (A/A0 - 1) at mid-length; None where it does not fit."""
-    middle = areas(run).shape[1] // 2
+    middle = run.along("area", "m2").shape[1] // 2
     try:
-        found = fit("linear", transmural(run, "skin")[:, middle], areas(run)[:, middle])
+        found = fit("linear", transmural(run, "skin")[:, middle], run.along("area", "m2")[:, middle])
     except SolverError:
         return None
     return float(found.law.stiffness)
