@@ -104,6 +104,11 @@ def suffixes(dimension: str) -> list[str]:
     )
 
 
+def unit_of(column: str) -> str:
+    """Return the unit that the name of a column ends with, e.g. ml_s of flow_ml_s; empty if there is none."""
+    return max((unit for unit in UNITS if column.endswith(f"_{unit}")), key=len, default="")
+
+
 def to_si(value: float, suffix: str) -> float:
     """Convert `value` in the unit `suffix` to SI.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngfsi.arrays import Array
 from ngfsi.errors import OutputError
-from ngfsi.units import UNITS, suffixes, to_si
+from ngfsi.units import suffixes, to_si, unit_of
 
 
 def read_columns(path: Path, wanted: Mapping[str, str]) -> dict[str, Array]:
@@ -42,7 +42,7 @@ def first_columns(path: Path, count: int) -> list[tuple[str, list[float]]]:
         OutputError: the file cannot be read, lacks a column or a unit, or holds something else than finite numbers.
     """
     head, body = _read(path)
-    units = [max((u for u in UNITS if column.endswith(f"_{u}")), key=len, default="") for column in head[:count]]
+    units = [unit_of(column) for column in head[:count]]
     if len(units) < count or not all(units):
         raise OutputError(
             f"'{path}' needs {count} columns below a head with units, e.g. time_s,flow_ml_s; there are {head}"

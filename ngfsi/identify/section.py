@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.optimize import least_squares, root_scalar
@@ -75,6 +76,7 @@ def calibrate(model: Model, measure: Measure, target: float, first: float) -> Ca
     tried: list[tuple[float, float]] = []
     before = model.solves
 
+    @cache  # the root finding begins with the first one again
     def gap(logarithm: float) -> float:
         if abs(logarithm - np.log(first)) > np.log(LARGEST) or len(tried) >= MOST_SOLVES:
             raise MaterialError(_unmet(model.parameters[0], target, tried))
@@ -84,16 +86,13 @@ def calibrate(model: Model, measure: Measure, target: float, first: float) -> Ca
 
     start = np.log(first)
     if abs(gap(start)) > ACCURACY * abs(target) / 10:
-        found = root_scalar(_remembering(gap, start, tried[0][1] - target), x0=start, x1=start + np.log(SECOND),
-                            method="secant", xtol=ACCURACY, maxiter=MOST_SOLVES)  # fmt: skip
+        found = root_scalar(
+            gap, x0=start, x1=start + np.log(SECOND), method="secant", xtol=ACCURACY, maxiter=MOST_SOLVES
+        )
         if not found.converged:
             raise MaterialError(_unmet(model.parameters[0], target, tried))
     value, reached = min(tried, key=lambda pair: abs(pair[1] - target))
     return Calibrated(value, reached, model.solves - before, tuple(tried))
-
-
-def _remembering(function: Callable[[float], float], known: float, value: float) -> Callable[[float], float]:
-    return lambda x: value if x == known else function(x)
 
 
 def _unmet(name: str, target: float, tried: Sequence[tuple[float, float]]) -> str:

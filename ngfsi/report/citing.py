@@ -76,13 +76,10 @@ _NOT_INSTALLED = ("ngfsi", "python")
 
 def _materials(case: Case) -> list[str]:
     """Return the sources of the parameter sets, which a label begins with, and of the laws."""
-    found: dict[str, None] = {}
-    for region in type(case.materials).model_fields:
-        material = getattr(case.materials, region)
-        if material is None:
-            continue
-        if (name := material.label.partition(" (")[0]) in available_sets():
-            found.setdefault(f"{region}: {read_set(name).source}")
+    found = []
+    for region, material in case.materials:
+        if material is not None and (name := material.label.partition(" (")[0]) in available_sets():
+            found.append(f"{region}: {read_set(name).source}")
         if source := getattr(material, "source", ""):
-            found.setdefault(f"{region}, law {material.law}: {source}")
-    return list(found)
+            found.append(f"{region}, law {material.law}: {source}")
+    return found

@@ -18,7 +18,7 @@ from ngfsi.mesh.generate import cache_folder
 from ngfsi.report.tables import flat
 from ngfsi.store.provenance import named_commit, versions
 from ngfsi.store.stored import StoredRun
-from ngfsi.units import UNITS
+from ngfsi.units import unit_of
 
 PIPED_WIDTH = 160
 """Columns where the output is no terminal and need not be folded."""
@@ -32,12 +32,9 @@ def console() -> Console:
 
 def split_unit(column: str) -> tuple[str, str]:
     """Return name and unit of a column, e.g. ("flow_in", "m3/s"); the unit is empty for pure numbers."""
-    units = sorted([*UNITS, "1"], key=len, reverse=True)
-    for unit in units:
-        if column.endswith(f"_{unit}"):
-            name = column.removesuffix(f"_{unit}")
-            return name, "" if unit == "1" else unit.replace("_", " " if "Pa" in unit else "/")
-    return column, ""
+    unit = unit_of(column)
+    name = column.removesuffix(f"_{unit or '1'}")
+    return name, unit.replace("_", " " if "Pa" in unit else "/")
 
 
 def run_summary(run: StoredRun) -> RenderableType:

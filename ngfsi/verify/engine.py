@@ -42,12 +42,7 @@ class VerificationError(NgfsiError):
 
 @dataclass(frozen=True)
 class Signals:
-    """What a computation recorded over time.
-
-    Attributes:
-        columns: names with units, the first `time_s`.
-        rows: shape (n, columns).
-    """
+    """What a computation recorded over time: rows (n, columns), below names with units, the first `time_s`."""
 
     columns: tuple[str, ...]
     rows: Array
@@ -229,19 +224,11 @@ def _row(reference: Reference, series: str, sizes: tuple[float, ...], computed: 
     if len(errors) > 1 and sizes[-2] > sizes[-1] > 0 and min(errors[-2:]) > 0:
         order = log(errors[-2] / errors[-1]) / log(sizes[-2] / sizes[-1])
     return Row(
-        series=series,
-        quantity=quantity,
-        unit=reference.unit,
-        computed=computed[-1][quantity],
-        reference=exact,
-        error=errors[-1],
-        tolerance=_of_series(reference.tolerance, series),
-        order=order,
+        series=series, quantity=quantity, unit=reference.unit, source=reference.source, sizes=sizes, errors=errors,
+        computed=computed[-1][quantity], reference=exact, error=errors[-1],
+        tolerance=_of_series(reference.tolerance, series), order=order,
         expected_order=None if reference.order is None else _of_series(reference.order, series),
-        source=reference.source,
-        sizes=sizes,
-        errors=errors,
-    )
+    )  # fmt: skip
 
 
 def _of_series(value: float | Mapping[str, float], series: str) -> float:
