@@ -67,12 +67,7 @@ def overall_error(fits: list[Fit]) -> float:
 
 @dataclass(frozen=True)
 class Gap:
-    """How far one dimension is from three over time, relative to the mean of three.
-
-    Attributes:
-        mean: of the mean over time.
-        rms: root mean square.
-    """
+    """How far one dimension is from three, over the mean of three: of the means over time, and root mean square."""
 
     mean: float
     rms: float
@@ -84,9 +79,7 @@ class Comparison:
 
     Attributes:
         fits: of the law at each station, against the pressure on the skin.
-        solution: in one dimension.
         one, three: by quantity: area (m2), flow (at the outlet, m3/s), SAWSS (Pa).
-        gaps: by quantity.
     """
 
     fits: list[Fit]

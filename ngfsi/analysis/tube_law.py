@@ -76,12 +76,7 @@ class TubeLaw:
 
 @dataclass(frozen=True)
 class Fit:
-    """A law fitted to areas, and how well.
-
-    Attributes:
-        error: root mean square of the gaps of area, relative to the measured.
-        largest: the largest of them.
-    """
+    """A law fitted to areas, with root mean square and largest of the gaps of area, relative to the measured."""
 
     law: TubeLaw
     error: float

@@ -118,12 +118,7 @@ def _results(run: StoredRun) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Samples of a case, the baseline, and of a variant, taken by turns.
-
-    Attributes:
-        steps: number that was run, of `planned`.
-        samples: by variant; the first is the baseline.
-    """
+    """Samples of so many steps of those planned, taken by turns; by variant, of which the first is the baseline."""
 
     name: str
     steps: int

@@ -39,11 +39,9 @@ def threads(count: int) -> dict[str, str]:
 
 
 class Ranks:
-    """The ranks, or this process alone.
+    """The ranks, `size` of them, of which this process is number `rank`, and 0 leads; or this process alone.
 
     Attributes:
-        rank: number of this process; 0 leads.
-        size: number of processes.
         workers_ready: whether the other ranks wait for calls.
     """
 

@@ -55,8 +55,7 @@ def over_time(
 
     Args:
         quantities: name -> values at the times of a run's series.
-        label: of the vertical axis, with the unit.
-        dashed: names of quantities drawn dashed.
+        dashed: names of those drawn dashed.
     """
     figure = _figure("time [s]", label)
     for (title, run), colour in zip(runs.items(), COLOURS, strict=False):

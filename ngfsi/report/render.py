@@ -68,10 +68,7 @@ def wall_shear_picture(runs: Mapping[str, StoredRun], times: Sequence[float], pa
 
 
 def animation(run: StoredRun, path: Path) -> str:
-    """Draw the deforming vein with its wall shear stress, a frame for each stored wall, at most `FRAMES`.
-
-    Args:
-        path: .gif or .mp4
+    """Draw the deforming vein with its wall shear stress as .gif or .mp4, a frame a stored wall, at most `FRAMES`.
 
     Returns:
         Why there is no animation; empty when there is one.

@@ -43,7 +43,6 @@ def run(case: Case, folder: Path, *, quiet: bool = False, max_wall: float | None
 
     Args:
         folder: to be made; must not hold anything yet.
-        quiet: show no progress.
         max_wall: seconds on the clock within which to stop, so that `resume` can go on.
 
     Raises:

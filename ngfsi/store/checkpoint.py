@@ -33,12 +33,7 @@ Arrays = dict[str, Array]
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A checkpoint that was read.
-
-    Attributes:
-        facts: small numbers that were stored beside the arrays.
-        damaged: why newer checkpoints could not be used.
-    """
+    """What was read: arrays, small numbers stored beside them, and why newer checkpoints could not be used."""
 
     arrays: Arrays
     facts: dict[str, Any]
@@ -49,12 +44,7 @@ class Checkpoints:
     """The checkpoints of one computation."""
 
     def __init__(self, folder: Path, identity: Mapping[str, Any]) -> None:
-        """Name them.
-
-        Args:
-            folder: made when the first one is written.
-            identity: tables of plain values in which a checkpoint must agree to be used.
-        """
+        """Name a folder, made when the first one is written, and plain values in which one must agree to be used."""
         self.folder = folder
         self._identity = json.loads(json.dumps({"format": FORMAT, **identity}))
 

@@ -34,9 +34,7 @@ def export(run: StoredRun, time: float, fmt: str, destination: Path | None = Non
     fields. Neighbours share their nodes; on the border of blood and tissue the fields are those of the blood.
 
     Args:
-        run: a stored run.
-        time: s
-        fmt: xdmf, vtu, gmsh or abaqus.
+        fmt: one of `FORMATS`.
         destination: file; default: `<time>` with the format's suffix in the run's folder `export`.
 
     Raises:

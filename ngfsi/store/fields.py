@@ -58,11 +58,9 @@ class FieldWriter:
     def __init__(
         self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf
     ) -> None:
-        """Prepare.
+        """Take the folder of the run and the reference shape.
 
         Args:
-            folder: folder of the run.
-            domain: the reference shape.
             volume_fields: name with unit -> field on the whole domain; `displacement_m` must be among them. The tensors
                 have three rows and columns in plane domains, too.
             until: fields up to this time [s] that the folder holds are kept, later ones removed.

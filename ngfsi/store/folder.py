@@ -43,11 +43,7 @@ Status = Literal["running", "completed", "failed", "interrupted"]
 
 
 class RunFolder:
-    """The folder of a run while it is computed.
-
-    Attributes:
-        path: the folder.
-    """
+    """The folder of a run while it is computed."""
 
     def __init__(self, path: Path, manifest: dict[str, Any]) -> None:
         self.path = path
@@ -131,12 +127,8 @@ class RunFolder:
 
 
 def outline_rows(of: Mapping[str, float], rings: Array) -> list[dict[str, float]]:
-    """Return the rows of outlines.csv for cross-sections at one time.
-
-    Args:
-        of: columns with which each row begins.
-        rings: points (stations, points, 3) [m] around each cross-section, in order.
-    """
+    """Return the rows of outlines.csv for points (stations, points, 3) [m] around cross-sections, in order, each row
+    beginning with the columns `of`."""
     return [
         {**of, "station": station, "point": point, "x_m": x, "y_m": y, "z_m": z}
         for (station, point), (x, y, z) in zip(np.ndindex(rings.shape[:2]), rings.reshape(-1, 3), strict=True)

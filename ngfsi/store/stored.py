@@ -207,10 +207,7 @@ class StoredRun:
         return [] if (reader := self._fields(which)) is None else list(reader.time_values)
 
     def fields(self, time: float, which: Which = "volume") -> Any:
-        """Return the fields nearest to `time` [s] as a pyvista mesh, its points deformed.
-
-        Args:
-            which: "volume" for the whole domain, "wall" for the inner surface of the vessels.
+        """Return the fields of volume or inner walls nearest to `time` [s] as a pyvista mesh, its points deformed.
 
         Raises:
             OutputError: no fields are stored.

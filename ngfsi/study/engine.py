@@ -66,8 +66,6 @@ def run_cases(
     ends all runs and keeps what they stored.
 
     Args:
-        cases: key, which names the subfolder -> case.
-        folder: parent of the runs' folders.
         processes: how many runs to compute at a time; the processors are shared out among them.
         quiet: show no progress.
         executor: starts the runs, with one thread each; default: here, `processes` at a time.
@@ -132,13 +130,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Results:
-    """What a study gave.
-
-    Attributes:
-        outcomes: by key.
-        table: by key the numbers of the finished runs, by column.
-        report: the page with figure, table and failures.
-    """
+    """What a study gave: by key outcomes and, of finished runs, the numbers by column; and the page that shows them."""
 
     outcomes: Mapping[str, Outcome]
     table: Mapping[str, Mapping[str, float]]

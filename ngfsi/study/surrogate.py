@@ -46,9 +46,7 @@ class Surrogate:
     process: Any
 
     @classmethod
-    def through(
-        cls, design: Design, results: Sequence[float], place: Place | None = None, seed: int = 0
-    ) -> Self:  # fmt: skip
+    def through(cls, design: Design, results: Sequence[float], place: Place | None = None, seed: int = 0) -> Self:
         """Return the surrogate of a result at the points of a design; those where it is not finite are left out.
 
         Args:
@@ -72,9 +70,7 @@ class Surrogate:
             raise CaseError(f"a surrogate over {number} coordinates needs more than {len(places)} finite results")
         shape = Matern(np.full(number, 1.0), (0.05, 100.0), nu=2.5)
         kernel = ConstantKernel(1.0, (1e-2, 1e4)) * shape + WhiteKernel(1e-4, NOISE)
-        process = GaussianProcessRegressor(
-            kernel, normalize_y=True, n_restarts_optimizer=RESTARTS, random_state=seed
-        )  # fmt: skip
+        process = GaussianProcessRegressor(kernel, normalize_y=True, n_restarts_optimizer=RESTARTS, random_state=seed)
         with warnings.catch_warnings():
             # a coordinate without influence has a length as large as is allowed
             warnings.simplefilter("ignore", ConvergenceWarning)
