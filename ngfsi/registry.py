@@ -116,8 +116,7 @@ def load(plugins: Iterable[str]) -> None:
         if plugin.endswith(".py"):
             _load_file(Path(plugin).resolve())
         else:
-            group, _, rest = plugin.partition(" ")
-            name, _, value = rest.partition(" ")
+            group, name, value = (*plugin.split(" ", 2), "", "")[:3]
             if not value:
                 raise NgfsiError(f"'{plugin}' is no plugin: name a Python file, *.py")
             _add(EntryPoint(name, value, group))

@@ -23,7 +23,7 @@ from ngfsi.errors import OutputError, SolverError, unknown
 from ngfsi.mesh.domain import Domain
 from ngfsi.parallel.ranks import threads
 from ngfsi.solve.initial import Say, silent
-from ngfsi.store.disk import explained
+from ngfsi.store.disk import replace_file
 from ngfsi.store.provenance import commit, machine, versions
 from ngfsi.store.stored import StoredRun, mean_over_steps, open_run
 from ngfsi.units import from_si
@@ -169,12 +169,9 @@ class Comparison:
             OutputError: the folder cannot be written.
         """
         path = folder / f"{self.name}.json"
-        with explained(path):
-            folder.mkdir(parents=True, exist_ok=True)
-            ratios = {name: {q: self.ratios(name, q) for q in QUANTITIES} for name in self._variants()}
-            about = {"versions": versions(), "commit": commit(), "machine": machine()}
-            content = asdict(self) | {"ratios": ratios} | about
-            path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        ratios = {name: {q: self.ratios(name, q) for q in QUANTITIES} for name in self._variants()}
+        about = {"versions": versions(), "commit": commit(), "machine": machine()}
+        replace_file(path, (json.dumps(asdict(self) | {"ratios": ratios} | about, indent=1) + "\n").encode())
         return path
 
     def _variants(self) -> list[str]:

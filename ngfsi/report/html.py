@@ -27,7 +27,7 @@ from ngfsi.report import charts
 from ngfsi.report.charts import Runs
 from ngfsi.report.shapes import is_plane
 from ngfsi.report.tables import flat
-from ngfsi.store.disk import explained
+from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.stored import StoredRun, open_run
 from ngfsi.units import from_si
 
@@ -102,9 +102,7 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
     )
     drawn = [(title, [_in_html(title, part) for part in parts]) for title, parts in sections]
     text = template.render(title="ngfsi: " + ", ".join(runs), sections=drawn, plotly=get_plotlyjs())
-    with explained(destination):
-        destination.parent.mkdir(parents=True, exist_ok=True)
-        destination.write_text(text, encoding="utf-8")
+    replace_file(destination, text.encode())
     return destination
 
 

@@ -54,8 +54,6 @@ class Checkpoints:
         Raises:
             OutputError: the file cannot be written; earlier checkpoints are as they were.
         """
-        with explained(self.folder, "made"):
-            self.folder.mkdir(parents=True, exist_ok=True)
         packed = BytesIO()
         record = json.dumps({"identity": self._identity, "facts": facts})
         np.savez(packed, **arrays, **{RECORD: np.array(record)})  # type: ignore[arg-type] # of mypy's view of **

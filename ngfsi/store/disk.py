@@ -24,11 +24,14 @@ def explained(path: Path, doing: str = "written") -> Iterator[None]:
 def replace_file(path: Path, content: bytes) -> None:
     """Put a file with this content in place of whatever is there, so that a crash leaves the old or the new one.
 
+    Folders that are not there are made.
+
     Raises:
         OutputError: the file cannot be written; the old one is as it was.
     """
     partial = path.with_name(path.name + UNFINISHED)
     with explained(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
         try:
             partial.write_bytes(content)
             move_into_place(partial, path)
