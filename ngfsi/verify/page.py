@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 
 from rich.table import Table
@@ -55,32 +57,21 @@ def _text(results: Sequence[Result]) -> str:
 
 
 def _anchor(title: str) -> str:
-    kept = "".join(c for c in title.lower() if c.isalnum() or c in " -")
-    return kept.replace(" ", "-")
+    return "".join(c for c in title.lower() if c.isalnum() or c in " -").replace(" ", "-")
 
 
 def _section(result: Result) -> str:
-    by_series: dict[str, list[Row]] = defaultdict(list)
-    for row in result.rows:
-        by_series[row.series].append(row)
     tables = [
-        f"{series}\n\n{markdown_table(HEAD, [_cells(row) for row in rows])}" for series, rows in by_series.items()
+        f"{series}\n\n{markdown_table(HEAD, map(_cells, rows))}"
+        for series, rows in groupby(result.rows, attrgetter("series"))
     ]
     sources = dict.fromkeys(row.source for row in result.rows)
     figures = [f"![Convergence]({FOLDER}/{result.name}.png)\n"] if _curves(result) else []
     for series in result.signals:
         picture, values = (result.file(Path(FOLDER), series, ending).as_posix() for ending in ("png", "csv"))
         figures.append(f"![{series} over time]({picture})\n\n[Values of {series} over time]({values})\n")
-    return "\n".join(
-        (
-            f"## {result.title}\n",
-            f"**Solved:** {result.solves}\n",
-            f"**Held against:** {result.exact}\n",
-            *tables,
-            *figures,
-            "Sources: " + "; ".join(sources) + "\n",
-        )
-    )
+    head = f"## {result.title}\n\n**Solved:** {result.solves}\n\n**Held against:** {result.exact}\n"
+    return "\n".join([head, *tables, *figures, f"Sources: {'; '.join(sources)}\n"])
 
 
 def _cells(row: Row) -> tuple[str, ...]:
