@@ -107,12 +107,7 @@ def run(
 
 
 @app.command()
-def resume(
-    folder: Folder,
-    quiet: Quiet = False,
-    max_wall: MaxWall = None,
-    _: Plugin = None,
-) -> None:
+def resume(folder: Folder, quiet: Quiet = False, max_wall: MaxWall = None, _: Plugin = None) -> None:
     """Go on with a run that was stopped or killed.
 
     From its last checkpoint, with the results of a run that was never stopped.
@@ -235,8 +230,7 @@ def materials() -> None:
 
 @app.command()
 def info(
-    folder: Annotated[Path | None, typer.Argument(help="Folder of a run.", metavar="RUN")] = None,
-    _: Plugin = None,
+    folder: Annotated[Path | None, typer.Argument(help="Folder of a run.", metavar="RUN")] = None, _: Plugin = None
 ) -> None:
     """Show a run, or this installation.
 
@@ -312,10 +306,7 @@ def animate(
 def report(
     folders: Annotated[list[Path], typer.Argument(help="Folders of runs.", metavar="RUN...")],
     output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("runs/report.html"),
-    claims: Annotated[
-        Path | None,
-        typer.Option(help="Printed numbers in TOML; default those of the studies."),
-    ] = None,
+    claims: Annotated[Path | None, typer.Option(help="Printed numbers in TOML; default those of the studies.")] = None,
     figures: Annotated[
         Path | None, typer.Option(help="Folder for the charts as SVG and PNG.", metavar="FOLDER")
     ] = None,
