@@ -65,14 +65,16 @@ class Chart:
             "all": one for all.
         make: returns the figure, or all parts of the section.
         has: whether a run has what it shows.
-        note: below it, or what returns that for the runs.
+        note: below it.
+        said: of a title and its run, what is added to the note.
     """
 
     title: str
     of: Literal["vessel", "branch", "run", "all"]
     make: Callable[[Runs], go.Figure | list[Part]]
     has: Callable[[StoredRun], bool]
-    note: str | Callable[[Runs], str] = ""
+    note: str = ""
+    said: Callable[[str, StoredRun], str] = lambda title, run: ""  # noqa: ARG005 - nothing
 
 
 def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any] | None = None) -> Path:
@@ -229,38 +231,25 @@ def _around_vein(runs: Runs) -> Any:
     return charts.over_time(runs, lines, "pressure [kPa]", dashed=("skin",))
 
 
-def _stability_note(runs: Runs) -> str:
-    said = [
-        "Critical: where the tangent of tissue and wall, the blood's pressure held, becomes singular on the straight "
-        "line through two stages; it is reliable near the dashed line, where the vein collapses."
-    ]
-    for title, run in runs.items():
-        stage = int(np.argmin(np.abs(run.stability["time_s"] - run.loaded_time)))
-        time, critical, eigenvalue = (
-            run.stability[name][stage] for name in ("time_s", "critical_skin_pressure_Pa", "smallest_eigenvalue_1_s2")
-        )
-        state = "stable" if eigenvalue > 0 else "not stable"
-        where = f", critical {from_si(critical, 'mmHg'):.3g} mmHg" if np.isfinite(critical) else ""
-        said.append(f"{title}: {state} at {time:.3g} s{where}.")
-    return " ".join(said)
+def _stability(title: str, run: StoredRun) -> str:
+    stage = int(np.argmin(np.abs(run.stability["time_s"] - run.loaded_time)))
+    time, critical, eigenvalue = (
+        run.stability[name][stage] for name in ("time_s", "critical_skin_pressure_Pa", "smallest_eigenvalue_1_s2")
+    )
+    where = f", critical {from_si(critical, 'mmHg'):.3g} mmHg" if np.isfinite(critical) else ""
+    return f"{title}: {'stable' if eigenvalue > 0 else 'not stable'} at {time:.3g} s{where}."
 
 
-def _causes_note(runs: Runs) -> str:
-    said = []
-    for title, run in runs.items():
-        row = run.loaded_row
-        parts = ", ".join(f"{cause} {values[row]:.4f}" for cause, values in decompose(run.series).items())
-        said.append(f"{title} at {run.series['time_s'][row]:.3g} s, in Pa: {parts}.")
-    return " ".join(said)
+def _causes(title: str, run: StoredRun) -> str:
+    row = run.loaded_row
+    parts = ", ".join(f"{cause} {values[row]:.4f}" for cause, values in decompose(run.series).items())
+    return f"{title} at {run.series['time_s'][row]:.3g} s, in Pa: {parts}."
 
 
-def _transmission_note(runs: Runs) -> str:
-    said = ["Dotted: t = 0. Where a bone shields the vein, less arrives."]
-    for title, run in runs.items():
-        fraction = transmission(run)[run.loaded_row]
-        if np.isfinite(fraction):
-            said.append(f"{title}: {100 * fraction:.0f} % of the rise of the skin's mean pressure arrives at the wall.")
-    return " ".join(said)
+def _transmission(title: str, run: StoredRun) -> str:
+    fraction = transmission(run)[run.loaded_row]
+    arrives = f"{title}: {100 * fraction:.0f} % of the rise of the skin's mean pressure arrives at the wall."
+    return arrives if np.isfinite(fraction) else ""
 
 
 def _has_tube_law(run: StoredRun) -> bool:
@@ -319,7 +308,7 @@ CHARTS = (
     Chart("Wall shear stress, mean", "vessel", _over_time("SAWSS [Pa]", {"computed": ("sawss_Pa", 1.0)}),
           lambda run: _is_branched(run) and "sawss_Pa" in run.series,
           "Over the walls of all branches."),
-    Chart("Why it rises", "vessel", charts.causes, _holds(*STAGES.values()), _causes_note),
+    Chart("Why it rises", "vessel", charts.causes, _holds(*STAGES.values()), said=_causes),
     Chart("Along the vein: area", "branch",
           lambda runs: charts.along_vein(runs, "area", "m2", 1e6, "lumen area [mm²]"), _holds("area_z00_m2"),
           "Dotted: t = 0."),
@@ -333,7 +322,8 @@ CHARTS = (
     Chart("Wall shear stress on the unrolled vein", "branch", charts.unrolled, _has_wall_fields, f"At {LOADED}."),
     Chart("Hydrostatic pressure of the solids", "all", charts.cut, _has_solids,
           f"-tr(sigma)/3, compression positive, at mid-length at {LOADED}; bones and lumen are left out."),
-    Chart("Pressure of the tissue around the vein", "vessel", charts.around, _has_tissue, _transmission_note),
+    Chart("Pressure of the tissue around the vein", "vessel", charts.around, _has_tissue,
+          "Dotted: t = 0. Where a bone shields the vein, less arrives.", _transmission),
     Chart("Vein in 3-D", "run", charts.vein, _has_wall_fields, "Drag to turn; wall shear stress."),
     Chart("Solids in 3-D", "run", charts.half, _has_body, "Lower half of the deformed shape, displacement."),
     Chart("Flow balance", "vessel",
@@ -343,7 +333,9 @@ CHARTS = (
           "Inflow = outflow + rate of the lumen's volume."),
     Chart("Pressure around the vein", "vessel", _around_vein, _holds("p_tissue_side_Pa"),
           "Hydrostatic pressure of the tissue at the outer face of the vein's wall, and mean pressure on the skin."),
-    Chart("Stability", "all", charts.stability, _has_stages, _stability_note),
+    Chart("Stability", "all", charts.stability, _has_stages,
+          "Critical: where the tangent of tissue and wall, the blood's pressure held, becomes singular on the straight "
+          "line through two stages; it is reliable near the dashed line, where the vein collapses.", _stability),
     Chart("Stiffness of the softest motion", "all", charts.softest,
           lambda run: "softest_stiffness_1" in run.stability,
           "Over that of shear alone in the solids' initial moduli; it vanishes where the section buckles."),
@@ -377,7 +369,7 @@ def _charts(runs: Runs) -> list[Section]:
 def _parts(chart: Chart, runs: Runs) -> list[Part]:
     try:
         made = chart.make(runs)
-        note = chart.note if isinstance(chart.note, str) else chart.note(runs)
+        note = " ".join(filter(None, [chart.note, *(chart.said(title, run) for title, run in runs.items())]))
     except (NgfsiError, KeyError) as error:
         missing = error if isinstance(error, NgfsiError) else f"the run holds no {error}"
         return [f"Not shown: {missing}"]
