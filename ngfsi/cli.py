@@ -23,9 +23,9 @@ import typer
 from ngfsi import registry
 from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError
 from ngfsi.parallel.ranks import Ranks, all_ranks, launched
+from ngfsi.process import INTERRUPTED
 from ngfsi.units import seconds
 
-INTERRUPTED = 130
 SHARED = ("run", "resume")
 """Commands of which several ranks share the work."""
 
