@@ -192,9 +192,9 @@ def test_fieldsplit_ends_where_a_direct_solver_does(tmp_path: Path) -> None:
     assert np.all(costs["linear_iterations"] <= 4 * costs["iterations"])
 
 
-@pytest.mark.parametrize(("ranks", "order", "most"), [(1, 3, 13), (2, 3, 18), (3, 2, 15)])
+@pytest.mark.parametrize(("ranks", "order", "most"), [(1, 3, 13), (2, 3, 18)])
 def test_iterations_of_fieldsplit(tmp_path: Path, ranks: int, order: int, most: int) -> None:
-    """To 1e-6, from rest and then with new values of the matrix; p-multigrid takes 9 (order 2) and 12 (order 3). Its
+    """To 1e-6, from rest and then with new values of the matrix; p-multigrid takes 12. Its
     error is judged by the scales of each renewal."""
     work = f"""
 from ngfsi.parallel.ranks import all_ranks

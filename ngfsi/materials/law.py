@@ -15,6 +15,10 @@ class Law(ConfigModel):
     """A material of one region: common to solids and fluids."""
 
     refusal: ClassVar[type[NgfsiError]] = MaterialError
+    formula: ClassVar[str]
+    """The law in LaTeX."""
+    source: ClassVar[str]
+    """Where the law comes from."""
 
     law: str
     """Tag of the law, its name in case files."""

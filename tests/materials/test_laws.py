@@ -390,3 +390,5 @@ def test_laws_survive_being_written(law: SolidLaw) -> None:
     assert type(law).from_dict(law.to_toml_dict()) == law
     assert find("ngfsi.solid_laws" if isinstance(law, SolidLaw) else "ngfsi.fluid_laws", law.law, "law") is type(law)
     assert law.label == law.law
+    assert law.formula
+    assert law.source

@@ -14,9 +14,9 @@ from ngfsi.case import Cuff
 from ngfsi.config.functions import PressureConstant
 from ngfsi.materials import SaintVenantKirchhoff
 from ngfsi.measure.probe import Probe
-from ngfsi.measure.quantities import row
 from ngfsi.physics.fields import PRESSURE
 from ngfsi.system.system import System
+from tests.runs import row
 from tests.vein import BLOOD, TUBE, case_of, position, set_motion, system_of, value_of
 
 Array = NDArray[np.float64]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import ngsolve as ng
 import numpy as np
@@ -24,6 +24,8 @@ from tests.seams.block import case_of, domain, mean
 class Fibred(SolidLaw):
     """W = mu/2 (J^(-2/3) tr C - 3) + K/2 (J - 1)^2 + k/2 (a . C a - 1)^2, fibres a at an angle in the plane xy."""
 
+    formula: ClassVar[str] = ""
+    source: ClassVar[str] = "for this test"
     law: Literal["test_fibred"] = "test_fibred"
     mu: Pressure = 10e3
     K: Pressure = 40e3

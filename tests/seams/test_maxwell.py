@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import ngsolve as ng
 import numpy as np
@@ -35,6 +35,8 @@ STRETCH, TAU, STEP = 1.3, 0.4, 0.1
 class Maxwell(SolidLaw):
     """S = S0(C) + Q, with dQ/dt + Q/tau = dS1(C)/dt (Simo, CMAME 60, 1987): exact where S1 changes evenly in a step."""
 
+    formula: ClassVar[str] = ""
+    source: ClassVar[str] = "for this test"
     law: Literal["test_maxwell"] = "test_maxwell"
     mu: Pressure = 10e3
     K: Pressure = 40e3

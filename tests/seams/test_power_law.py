@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import ngsolve as ng
 import numpy as np
@@ -26,8 +26,10 @@ MESH = MeshSettings(
 
 
 class PowerLaw(FluidLaw):
-    """mu = K g^(n - 1) (W. Ostwald, Kolloid-Z 36, 1925, 99)."""
+    """mu = K g^(n - 1)."""
 
+    formula: ClassVar[str] = ""
+    source: ClassVar[str] = "W. Ostwald, Kolloid-Z 36 (1925) 99"
     law: Literal["test_power_law"] = "test_power_law"
     n: float
     consistency: float

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -11,10 +11,10 @@ from ngfsi.units import Viscosity
 
 
 class Newtonian(FluidLaw):
-    """sigma = -p I + mu (grad u + grad u^T), incompressible.
+    """sigma = -p I + mu (grad u + grad u^T), incompressible."""
 
-    G. K. Batchelor, An Introduction to Fluid Dynamics (1967), section 3.3.
-    """
+    formula: ClassVar[str] = r"\sigma = -p I + \mu\,(\nabla u + \nabla u^T),\quad \nabla\cdot u = 0"
+    source: ClassVar[str] = "G. K. Batchelor, An Introduction to Fluid Dynamics (1967), section 3.3"
 
     law: Literal["newtonian"] = "newtonian"
     viscosity: Viscosity = Field(gt=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from ngsolve import log
 
@@ -11,10 +11,12 @@ from ngfsi.materials.solid.linear import LinearAtRest
 
 
 class CompressibleNeoHookean(LinearAtRest, IsotropicLaw):
-    """W = mu/2 (tr C - 3 - 2 ln J) + lambda/2 (ln J)^2; stiffens without bound as J -> 0, unlike Saint Venant's law.
+    """W = mu/2 (tr C - 3 - 2 ln J) + lambda/2 (ln J)^2; stiffens without bound as J -> 0, unlike Saint Venant's law."""
 
-    J. Bonet, R. D. Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, section 6.4.
-    """
+    formula: ClassVar[str] = r"W = \tfrac{\mu}{2}(\mathrm{tr}\,C - 3 - 2\ln J) + \tfrac{\lambda}{2}(\ln J)^2"
+    source: ClassVar[str] = (
+        "J. Bonet, R. D. Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, section 6.4"
+    )
 
     law: Literal["compressible_neo_hookean"] = "compressible_neo_hookean"
 

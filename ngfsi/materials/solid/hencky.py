@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from ngsolve import CoefficientFunction, Det, Id, InnerProduct, Inv, log
@@ -18,9 +18,10 @@ class Hencky(LinearAtRest):
     """W = mu |dev ln U|^2 + K/2 (ln J)^2 with the right stretch U = sqrt(C).
 
     dev ln U is half the logarithm of the isochoric C. See `logarithm` for its accuracy.
-
-    H. Hencky, Z techn Phys 9 (1928) 215; P. Neff et al., Arch Ration Mech Anal 222 (2016) 507.
     """
+
+    formula: ClassVar[str] = r"W = \mu\,\|\mathrm{dev}\ln U\|^2 + \tfrac{K}{2}(\ln J)^2"
+    source: ClassVar[str] = "H. Hencky, Z techn Phys 9 (1928) 215; P. Neff et al., Arch Ration Mech Anal 222 (2016) 507"
 
     law: Literal["hencky"] = "hencky"
 

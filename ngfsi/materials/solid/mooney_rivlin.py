@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -15,9 +15,12 @@ class MooneyRivlin(IsotropicLaw):
 
     The isochoric invariants make the rest state free of stress and K the initial bulk modulus. Single constants may
     be negative; 2 (c10 + c01), the initial shear modulus, may not.
-
-    M. Mooney, J Appl Phys 11 (1940) 582; R. S. Rivlin, Phil Trans R Soc A 241 (1948) 379.
     """
+
+    formula: ClassVar[str] = (
+        r"W = c_{10}(\bar I_1 - 3) + c_{01}(\bar I_2 - 3) + c_{11}(\bar I_1 - 3)(\bar I_2 - 3) + \tfrac{K}{2}(J - 1)^2"
+    )
+    source: ClassVar[str] = "M. Mooney, J Appl Phys 11 (1940) 582; R. S. Rivlin, Phil Trans R Soc A 241 (1948) 379"
 
     law: Literal["mooney_rivlin"] = "mooney_rivlin"
     c10: Pressure

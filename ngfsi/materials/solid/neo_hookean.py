@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from ngsolve import log
 from pydantic import Field
@@ -17,9 +17,12 @@ class NeoHookean(IsotropicLaw):
     The literature prints the formula with k = Kv and calls Kv the initial bulk modulus, which cannot both hold, so
     the reading has to be chosen: `volumetric = "K=2Kv"` takes the formula literally (k = Kv), `"K=Kv"` takes the
     name literally (k = Kv/2).
-
-    S. Avril et al., J Biomech Eng 132 (2010) 031006, as quoted by later work.
     """
+
+    formula: ClassVar[str] = (
+        r"W = C_{10}(\bar I_1 - 3) + k\left[\tfrac{1}{2}(J^2 - 1) - \ln J\right],\quad k = K_v\ \text{or}\ K_v/2"
+    )
+    source: ClassVar[str] = "S. Avril et al., J Biomech Eng 132 (2010) 031006, as quoted by later work"
 
     law: Literal["neo_hookean"] = "neo_hookean"
     C10: Pressure = Field(gt=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from ngfsi.materials.solid.law import Invariants, IsotropicLaw, Pair
 from ngfsi.materials.solid.linear import LinearAtRest
@@ -12,9 +12,12 @@ class SaintVenantKirchhoff(LinearAtRest, IsotropicLaw):
     """W = lambda/2 tr(E)^2 + mu tr(E^2) with the Green-Lagrange strain E = (C - I)/2.
 
     Softens in compression and loses stability there (uniaxially at a stretch of sqrt(1/3)): for small strains.
-
-    P. G. Ciarlet, Mathematical Elasticity, vol. I (1988), section 3.9.
     """
+
+    formula: ClassVar[str] = (
+        r"W = \tfrac{\lambda}{2}(\mathrm{tr}\,E)^2 + \mu\,\mathrm{tr}(E^2),\quad E = \tfrac12(C - I)"
+    )
+    source: ClassVar[str] = "P. G. Ciarlet, Mathematical Elasticity, vol. I (1988), section 3.9"
 
     law: Literal["saint_venant_kirchhoff"] = "saint_venant_kirchhoff"
 
