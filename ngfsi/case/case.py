@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 from pydantic_core import PydanticCustomError
 
 from ngfsi.case.geometries import find_geometry, is_geometry, name_of
-from ngfsi.conditions import ConditionModel, Cuff, FlowOpening, OpeningModel, PressureOpening
+from ngfsi.conditions import ConditionModel, ContactModel, Cuff, FlowOpening, OpeningModel, PressureOpening
 from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.config.messages import key_error
 from ngfsi.config.model import ConfigModel, registered
@@ -143,6 +143,8 @@ class Conditions(ConfigModel):
     """Regions of a plane solid whose thickness is free (plane stress); in the others it is kept (plane strain)."""
     strain: Literal["finite", "small"] = "finite"
     """small: linear elasticity with the initial moduli of the laws, and loads on the undeformed shape."""
+    contact: ContactModel | None = None
+    """Lets opposite sides of the lumen touch; the mesh of the blood then moves as the medium between them."""
     skin_displacement: OutlineDisplacement | None = None
     """Moves the skin of a plane section as given, e.g. by registration, instead of the pressure on it."""
 
@@ -274,6 +276,14 @@ class Case(ConfigModel):
                 "conditions", "has plane_stress, small strain or a skin_displacement: these are for solids "
                 "without fluid, from their unloaded shape (initial_state = \"preload\")"
             )  # fmt: skip
+        return self
+
+    @model_validator(mode="after")
+    def _sides_can_touch(self) -> Self:
+        walls = self.geometry.solids and any(v.lumen for v in self.geometry.vessels)
+        if self.conditions.contact and not walls:
+            name = type(self.geometry).__name__
+            raise key_error("conditions.contact", f"is for blood within solids, whose mesh it presses: {name} has none")
         return self
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from ngfsi.case import Case
-from ngfsi.conditions import BloodReference, Condition, Ends, OpeningModel, PressureOn, SkinMotion
+from ngfsi.conditions import BloodReference, Condition, Contact, Ends, OpeningModel, PressureOn, SkinMotion
 from ngfsi.conditions.loads import SKIN
 from ngfsi.conditions.openings import NOTHING
 from ngfsi.errors import CaseError
@@ -42,6 +42,8 @@ def conditions_of(case: Case, domain: Domain, taken: Collection[str] = ()) -> li
         for n, cuff in enumerate(loads.cuffs, start=1):
             found.append(PressureOn(f"in cuff {n}", domain, (SKIN,), cuff.pressure, cuff.weight()))
     found.append(Ends(domain, given.ends))
+    if given.contact:
+        found.append(Contact(domain, given.contact))
     found += [model.condition(domain, f"{model.kind} {n}") for n, model in enumerate(loads.further, start=1)]
     for vessel in domain.vessels:
         if vessel.lumen is None:

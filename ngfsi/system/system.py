@@ -275,7 +275,9 @@ class System:
             terms.incompressibility(k, f.grad_velocity, self._test[PRESSURE]),
         ]
         stiffness = self.case.discretisation.extension_stiffness
-        if self.case.discretisation.mesh_motion == "harmonic":
+        if self.case.conditions.contact:
+            pass  # its medium moves the mesh
+        elif self.case.discretisation.mesh_motion == "harmonic":
             inside.append(terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(v_mesh)))
         else:
             stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2

@@ -18,7 +18,7 @@ from ngfsi_geometry.tube import TubeSegment
 
 from ngfsi import registry
 from ngfsi.case import Conditions, Materials
-from ngfsi.conditions import Condition, ConditionModel, Cuff, PressureOn
+from ngfsi.conditions import Condition, ConditionModel, ContactModel, Cuff, PressureOn
 from ngfsi.config import functions as curves
 from ngfsi.materials import MooneyRivlin, NeoHookean, SaintVenantKirchhoff
 from ngfsi.measure.probe import Probe
@@ -28,6 +28,7 @@ from ngfsi.physics.fields import VELOCITY
 from ngfsi.registry import register
 from ngfsi.report import terminal
 from ngfsi.solve.statics import equilibrium, section_case
+from ngfsi.system.forms import residual_form
 from ngfsi.system.system import System
 from tests.runs import row
 from tests.settings.table import Outcome, entry
@@ -446,6 +447,22 @@ def _coupling() -> Outcome:
         for coupling in ("one_way", "two_way")
     ]
     return [moved[0] < 1e-9, moved[1] > 1e-5], [True, True]
+
+
+@entry("Conditions.contact", "ContactModel.residual_gap", rel=1e-2)
+def _contact() -> Outcome:
+    """What resists, between sides at 5 % of their distance, a virtual motion towards each other: 10 kPa at a residual
+    gap of 5 %; the 16th part if it is a half of that."""
+    across, found = ng.CF((ng.x, 0, 0)), []
+    for gap in (0.05, 0.025):
+        system = system_of(case_of(TUBE, **{"conditions.contact": ContactModel(residual_gap=gap)}))
+        set_motion(system, -0.95 * across)
+        force, nearer = system.state.vec.CreateVector(), ng.GridFunction(system.unknowns.space)
+        nearer.components[0].Set(-across)
+        form = residual_form(system.unknowns.space, system.conditions["contact"].integrals(None))
+        form.Apply(system.state.vec, force)
+        found.append(float(ng.InnerProduct(force, nearer.vec)) / system.domain.volume("fluid"))
+    return found, [10e3, 10e3 / 16]
 
 
 @entry("Conditions.initial_state")
