@@ -13,6 +13,7 @@ from typing import Any, Literal
 import ngsolve as ng
 import numpy as np
 from ngsolve import GridFunction, Parameter
+from pydantic import Field
 
 from ngfsi.arrays import Array, Numbers
 from ngfsi.conditions.condition import Condition, OpeningModel, Setup, WithValue
@@ -25,10 +26,12 @@ from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, VELOCITY
 from ngfsi.physics.integrals import Integral
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.units import Resistance
+from ngfsi.units import Compliance, Resistance
 
 Profile = Literal["developed", "flat", "womersley"]
 NOTHING = PressureConstant(value=0.0)
+SMOOTH = 1.0
+"""Pressure across a valve (Pa) over which it opens."""
 
 
 class Opening(WithValue):
@@ -231,13 +234,19 @@ class Traction(Opening):
 
 
 class ResistiveTraction(Traction):
-    """A resistance behind an opening: p = p0 + R Q, with the flow Q out of the vessel; p - p0 is an unknown."""
+    """A resistance behind an opening: p = p0 + R Q, with the flow Q out of the vessel; p - p0 is an unknown.
+
+    With a valve the pressure across it drives dp + sqrt(dp^2 + 1 Pa^2) over 2 R towards the heart, and back hardly
+    anything but a leak that is a fraction of dp / R.
+    """
 
     def __init__(
-        self, domain: Domain, opening: str, vessel: Vessel, curve: Callable[[float], float], resistance: float
-    ) -> None:
+        self, domain: Domain, opening: str, vessel: Vessel, curve: Callable[[float], float], resistance: float,
+        leakage: float | None = None,
+    ) -> None:  # fmt: skip
+        """Prepare; `leakage`: of a valve; None: there is none."""
         super().__init__(domain, opening, vessel, curve)
-        self.resistance = resistance
+        self.resistance, self._leakage = resistance, leakage
         self.unknown = f"{opening}_pressure"
 
     def given_pressure(self) -> float:
@@ -250,18 +259,51 @@ class ResistiveTraction(Traction):
         return super().pressure() + self._setup.trial[self.unknown]
 
     def integrals(self, elements: ng.BitArray | None) -> list[Integral]:
-        """Return the virtual work of the traction, and the law of the resistance."""
+        """Return the virtual work of the traction, and the law of what is behind the opening."""
         law = self.law(self._setup.trial[self.unknown], self._setup.test[self.unknown]) if self._setup.leads else []
         return [*super().integrals(elements), *law]
 
     def law(self, p: Any, q: Any) -> list[Integral]:
         """Return p - p0 - R Q = 0, tested with q, as an integral over the opening."""
+        return [self._balance(self._driven_by(p), -self.resistance, q)]
+
+    def _driven_by(self, drop: Any) -> Any:
+        """Return R Q under a pressure across the resistance: the pressure itself, or what a valve lets through."""
+        if self._leakage is None:
+            return drop
+        ahead = 1 if self.outwards else -1
+        let_through = (ahead * drop + ng.sqrt(drop * drop + SMOOTH**2)) / 2
+        return self._leakage * drop + (1 - self._leakage) * ahead * let_through
+
+    def _balance(self, pressure: Any, factor: float, q: Any) -> Integral:
+        """Return a + b Q, of a pressure a (Pa) and a factor b on the flow out of the vessel, tested with q."""
         setup = self._setup
-        fields, area = setup.fields(setup.trial), self.domain.area(self.opening)
-        normal = self.domain.outward_normal(self.lumen)
+        fields, normal = setup.fields(setup.trial), self.domain.outward_normal(self.lumen)
         flux = terms.relative_flux(Kinematics(fields.grad_motion.Trace()), fields.relative.Trace(), normal)
-        balance = (p / area - self.resistance * flux) * q
-        return [Integral([balance], self.domain.ds(self.opening, bonus_intorder=2 * setup.unknowns.order))]
+        balance = (pressure / self.domain.area(self.opening) + factor * flux) * q
+        return Integral([balance], self.domain.ds(self.opening, bonus_intorder=2 * setup.unknowns.order))
+
+
+class WindkesselTraction(ResistiveTraction):
+    """A resistance Rp before a compliance C with a resistance Rd behind it (Westerhof's three elements).
+
+    p = p0 + ps + Rp Q and C dps/dt = Q - ps / Rd, with the pressure ps in the compliance as another unknown; at the
+    start all is in steady flow.
+    """
+
+    def __init__(self, domain: Domain, opening: str, vessel: Vessel, model: WindkesselOpening) -> None:
+        super().__init__(domain, opening, vessel, model.distal_pressure, model.resistance, model.valve_leakage)
+        self._stored, self._compliance = f"{opening}_stored_pressure", model.compliance
+        self._distal = model.distal_resistance
+
+    def own_unknowns(self) -> dict[str, float]:
+        return {**super().own_unknowns(), self._stored: 1.0}
+
+    def law(self, p: Any, q: Any) -> list[Integral]:
+        setup, stored = self._setup, self._setup.trial[self._stored]
+        rate = setup.new_weight * stored + setup.velocity_history[self._stored]
+        held = self._distal * self._compliance * rate + stored
+        return [*super().law(p - stored, q), self._balance(held, -self._distal, setup.test[self._stored])]
 
 
 def through(
@@ -314,15 +356,38 @@ class FreeOpening(OpeningModel):
         return NOTHING
 
 
-class ResistanceOpening(OpeningModel):
-    """A resistance R between the opening and a pressure p0: p = p0 + R Q, Q out of the vessel."""
+class Resistive(OpeningModel):
+    """What has a resistance R right behind the opening, and in the end a known pressure."""
 
-    kind: Literal["resistance"] = "resistance"
     resistance: Resistance
     distal_pressure: PressureCurve = NOTHING
+    valve_leakage: float | None = Field(default=None, gt=0, lt=1)
+    """With a valve that opens towards the heart, in at an inlet and out at an outlet: the flow back over that ahead
+    under the same pressure, e.g. 1e-3; default: no valve."""
+
+    def reference(self) -> Callable[[float], float] | None:
+        """Return the distal pressure, from which the vessel's may be far away behind a closed valve."""
+        return self.distal_pressure if self.valve_leakage is None else None
+
+
+class ResistanceOpening(Resistive):
+    """A resistance R between the opening and a pressure p0: p = p0 + R Q, Q out of the vessel.
+
+    At an inlet that is a source of pressure p0, whose flow stops as the vessel closes.
+    """
+
+    kind: Literal["resistance"] = "resistance"
 
     def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:
-        return ResistiveTraction(domain, opening, vessel, self.distal_pressure, self.resistance)
+        return ResistiveTraction(domain, opening, vessel, self.distal_pressure, self.resistance, self.valve_leakage)
 
-    def reference(self) -> Callable[[float], float]:
-        return self.distal_pressure
+
+class WindkesselOpening(Resistive):
+    """A resistance, and behind it a compliance with a `distal_resistance` to the pressure p0."""
+
+    kind: Literal["windkessel"] = "windkessel"
+    compliance: Compliance = Field(gt=0)
+    distal_resistance: Resistance = Field(gt=0)
+
+    def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:
+        return WindkesselTraction(domain, opening, vessel, self)

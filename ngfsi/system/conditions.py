@@ -60,6 +60,6 @@ def _opening(case: Case, name: str) -> OpeningModel:
     if found is None:
         raise CaseError(
             f'the opening \'{name}\' has no condition: write [loads.openings.{name}] with kind = "flow", "pressure", '
-            '"free" or "resistance"'
+            '"free", "resistance" or "windkessel"'
         )
     return found

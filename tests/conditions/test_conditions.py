@@ -20,9 +20,11 @@ from ngfsi.conditions import (
     OpeningModel,
     PressureOpening,
     ResistanceOpening,
+    WindkesselOpening,
 )
+from ngfsi.conditions.openings import WindkesselTraction
 from ngfsi.conditions.profiles import developed, inwards
-from ngfsi.config.functions import FlowConstant, FlowHarmonics, PressureConstant
+from ngfsi.config.functions import FlowConstant, FlowHarmonics, FlowTable, PressureConstant
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError
 from ngfsi.linear.backends import choose_backend
@@ -30,11 +32,13 @@ from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.wall import Wall
 from ngfsi.physics.fields import VELOCITY
 from ngfsi.solve.initial import steady_flow
+from ngfsi.solve.newton import Newton
 from ngfsi.solve.statics import equilibrium
+from ngfsi.solve.time_loop import TimeLoop
 from ngfsi.system.system import System
 from tests.geometry.test_lofted import ellipse
 from tests.solve import test_moving_mesh as moving
-from tests.vein import BLOOD, BONED, case_of, domain_of, rows, steady, value_of
+from tests.vein import BLOOD, BONED, TUBE, case_of, domain_of, rows, steady, value_of
 
 Array = NDArray[np.float64]
 
@@ -215,6 +219,40 @@ def test_resistance(distal: float) -> None:
     assert at_outlet - distal == pytest.approx(2.0, rel=1e-3)
     assert at_inlet - at_outlet == pytest.approx(GRADIENT * length(system), rel=2e-3)
     assert difference(system, velocity(system), PARABOLA) < 2e-3
+
+
+@pytest.mark.parametrize("opening", ["outlet", "inlet"])
+def test_a_valve_lets_blood_through_towards_the_heart(opening: str) -> None:
+    """300 Pa across a resistance drive dp / R ahead, and back the leak, a tenth of it; the tube has 0.03 % of R."""
+    resistance, leakage = 300.0 / FLOW, 0.1
+    for high, low, share in (("inlet", "outlet", 1.0), ("outlet", "inlet", -leakage)):
+        known = {high: PressureConstant(value=300.0), low: PressureConstant(value=0.0)}
+        behind = ResistanceOpening(resistance=resistance, distal_pressure=known[opening], valve_leakage=leakage)
+        other = "inlet" if opening == "outlet" else "outlet"
+        system = solved(2, **{opening: behind, other: PressureOpening(pressure=known[other])})
+        outlet: Any = system.conditions["outlet"]
+        assert outlet.outflow() == pytest.approx(share * FLOW, rel=2e-3)
+
+
+def test_windkessel() -> None:
+    """In a vein that is held Q = a t from rest on gives p - p0 = a (Rp t + Rd (t - T (1 - exp(-t / T)))), T = Rd C."""
+    slope, first, distal, decay, step = 2e-6, 3e7, 1e8, 0.2, 0.01
+    behind = WindkesselOpening(
+        resistance=first, compliance=decay / distal, distal_resistance=distal,
+        distal_pressure=PressureConstant(value=500.0),
+    )  # fmt: skip
+    case = case_of(TUBE, **{
+        "loads.inlet_flow": FlowTable(times=(0.0, 1.0), values=(0.0, slope)), "loads.openings": {"outlet": behind},
+        "conditions.ends": "clamped", "time.step": step, "time.end": 0.4,
+    })  # fmt: skip
+    system, _ = steady(case)
+    still = [name for name in system.unknowns.blocks if name not in "de"]
+    loop, outlet = TimeLoop(case, system, Newton(system, choose_backend("auto"), *still)), system.conditions["outlet"]
+    assert isinstance(outlet, WindkesselTraction)
+    t, found = np.array([(taken.time, outlet.given_pressure() - 500.0) for taken in loop.run()]).T
+    exact = slope * (first * t + distal * (t - decay * (1 - np.exp(-t / decay))))
+    assert np.abs(found - exact).max() < 1e-3 * exact.max()
+    assert found[-1] < 0.8 * slope * (first + distal) * t[-1]
 
 
 def test_free_opening() -> None:

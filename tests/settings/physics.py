@@ -28,6 +28,7 @@ from ngfsi.physics.fields import VELOCITY
 from ngfsi.registry import register
 from ngfsi.report import terminal
 from ngfsi.solve.statics import equilibrium, section_case
+from ngfsi.solve.time_loop import TimeLoop
 from ngfsi.system.forms import residual_form
 from ngfsi.system.system import System
 from tests.runs import row
@@ -297,9 +298,7 @@ class Openings(dict[str, Any]):
         return hash(repr(self))
 
 
-@entry(
-    "Loads.openings", "OpeningModel.kind", "ResistanceOpening.resistance", "ResistanceOpening.distal_pressure", rel=1e-4
-)
+@entry("Loads.openings", "OpeningModel.kind", "Resistive.resistance", "Resistive.distal_pressure", rel=1e-4)
 def _resistance() -> Outcome:
     """p = p0 + R Q at the outlet."""
     outlet = {
@@ -308,6 +307,30 @@ def _resistance() -> Outcome:
         "distal_pressure": {"kind": "constant", "value_Pa": 900.0},
     }
     return measured("pressure_outlet_Pa", loads__openings=Openings(outlet=outlet)), 900.0 + 2e7 * 2.913e-6
+
+
+@entry("Resistive.valve_leakage", rel=1e-3)
+def _valve_leakage() -> Outcome:
+    """Against the valve of the inlet the flow takes 1 / leakage of the resistance's pressure."""
+    inlet = {"kind": "resistance", "resistance_Pa_s_m3": 1e7, "valve_leakage": 0.04,
+             "distal_pressure": {"kind": "constant", "value_Pa": 1000.0}}  # fmt: skip
+    back = {"kind": "flow", "flow": {"kind": "constant", "value_ml_s": -2.0}}
+    found = measured("pressure_inlet_Pa", loads__openings=Openings(inlet=inlet, outlet=back))
+    return found - 1000.0, 1e7 * 2e-6 / 0.04
+
+
+@entry("WindkesselOpening.distal_resistance", "WindkesselOpening.compliance", rel=1e-4)
+def _windkessel() -> Outcome:
+    """In steady flow both resistances are one, in the first step of backward Euler after it the compliance takes part
+    of what flows in beyond that: (p1 - p0) (C / h + 1 / Rd) = dQ."""
+    outlet = Openings(outlet={"kind": "windkessel", "resistance_Pa_s_m3": 0.0, "distal_resistance_Pa_s_m3": 2e7,
+                              "compliance_m3_Pa": 5e-9})  # fmt: skip
+    steps = curves.FlowTable(times=(0.0, 0.1), values=(1e-6, 3e-6))
+    system, newton = steady(case_of(TUBE, **{"loads.openings": outlet, "loads.inlet_flow": steps, "time.end": 0.1}))
+    list(TimeLoop(system.case, system, newton).run())
+    condition: Any = system.conditions["outlet"]
+    flow = condition.outflow()
+    return condition.given_pressure(), 20.0 + (flow - 1e-6) / (5e-9 / 0.1 + 1 / 2e7)
 
 
 @entry("FlowOpening.flow", "FlowOpening.profile", rel=7e-2)
