@@ -11,7 +11,7 @@ import scipy.constants
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ngfsi.units import SI_SUFFIX, SUFFIXES, Shown, from_si, in_unit, seconds, split_unit, symbol, to_si
+from ngfsi.units import SI_SUFFIX, SUFFIXES, Shown, from_si, in_unit, seconds, symbol, to_si, unit_of
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ PRINTED = {
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_how_a_unit_is_printed_and_read_from_a_column(suffix: str) -> None:
     assert symbol(suffix) == PRINTED.get(suffix, suffix)
-    assert split_unit(f"mean_value_{suffix}") == ("mean_value", suffix)
+    assert unit_of(f"mean_value_{suffix}") == suffix
 
 
 def test_what_is_shown_stands_beside_its_unit() -> None:
@@ -87,10 +87,11 @@ def test_what_is_shown_stands_beside_its_unit() -> None:
     assert (flow.label, flow.head, flow(2e-6)) == ("flow [ml/s]", "flow ml/s", pytest.approx(2.0, rel=1e-15))
     assert (share.label, share.head, share(0.25)) == ("area [% of t = 0]", "area % of t = 0", 25.0)
     assert (Shown("ratio", "1").label, Shown("ratio", "1").head, Shown("", "1").label) == ("ratio [1]", "ratio", "")
-    assert flow.of({"flow_in_m3_s": np.array([3e-6])}, "flow_in_m3_s") == pytest.approx([3.0], rel=1e-15)
+    assert flow.check("flow_in_m3_s") == "flow_in_m3_s"
+    assert flow(np.array([3e-6, 1e-6])) == pytest.approx([3.0, 1.0], rel=1e-15)
     for column in ("sawss_Pa", "lumen_volume_m3", "flow_ml_s", "unknowns"):
         with pytest.raises(ValueError, match="it is no flow_rate"):
-            flow.of({column: np.ones(1)}, column)
+            flow.check(column)
     assert in_unit(3333.05, "mmHg") == "25 mmHg"
     assert in_unit([1e-3, -2.5e-3, 0.0], "mm", ".1f") == "(1.0, -2.5, 0.0) mm"
 

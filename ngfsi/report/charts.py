@@ -140,7 +140,8 @@ def outlines(runs: Runs) -> go.Figure:
         for time, shade in ((0.0, QUIET), (run.loaded_time, colour)):
             found, rings = run.outlines(time)
             ring = middle(run).across(rings[len(rings) // 2])
-            _line(figure, axes, *np.vstack([ring, ring[:1]]).T, _at(found), shade, row=1, col=column)
+            x, y = np.vstack([ring, ring[:1]]).T
+            _line(figure, axes, x, y, _at(found), shade, row=1, col=column)
     return figure
 
 

@@ -426,6 +426,8 @@ def _headline(runs: Runs) -> Section:
         for title, run in views.items():
             cells = {shown.head: _cell(shown, *how, run) for shown, how in HEADLINE.items()}
             found[Markup("{}{}{}").format(title, ending, _ended(run))] = cells
+    heads = [shown.head for shown in HEADLINE if any(cells[shown.head] for cells in found.values())]
+    rows = [[title, *(cells[head] or "-" for head in heads)] for title, cells in found.items()]
     note = (
         "When the load on the skin is first at its largest; without such a load solids alone when they are displaced "
         "most, others at the last time."
