@@ -24,7 +24,7 @@ from ngfsi import registry
 from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError
 from ngfsi.parallel.ranks import Ranks, all_ranks, launched
 from ngfsi.process import INTERRUPTED
-from ngfsi.units import seconds
+from ngfsi.units import Shown, seconds
 
 SHARED = ("run", "resume")
 """Commands of which several ranks share the work."""
@@ -212,7 +212,7 @@ def bench(
             changed = {label: change(case) for label, change in variants.items()}
             found = engine.compare(name, case, changed, pairs, steps, _say, output)
             path = found.write(output)
-            stacked_bars(found.phases(), "s", path.with_suffix(".png"))
+            stacked_bars(found.phases(), Shown("wall time", "s"), path.with_suffix(".png"))
             console().print(found.table())
             typer.echo(f"The numbers are in '{path}'")
 

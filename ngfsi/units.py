@@ -1,7 +1,8 @@
 """Units: the only place with conversion factors. Everywhere else numbers are SI floats.
 
 A quantity in a file carries its unit in the key, `lumen_diameter_mm = 11.1`; `ConfigModel` strips the
-suffix and converts. The aliases `Length`, `Pressure`, ... mark the fields for which that holds.
+suffix and converts. The aliases `Length`, `Pressure`, ... mark the fields for which that holds. What readers see is
+converted by `Shown`, a name and a unit from which both the numbers and what stands beside them follow.
 
 Source of the factors: BIPM, The International System of Units (9th ed.), and for mmHg the value of the study that
 this package follows, 133.322 Pa (the conventional 133.322387 Pa differs by 3e-6).
@@ -11,9 +12,15 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TypeVar
+
+if TYPE_CHECKING:
+    from ngfsi.arrays import Array
+
+Value = TypeVar("Value", float, "Array")
 
 
 @dataclass(frozen=True)
@@ -74,12 +81,19 @@ UNITS: dict[str, Unit] = {
 }
 """Suffix as written in files -> unit; the SI unit stands first in its dimension."""
 
+SUFFIXES: dict[str, Unit] = UNITS | {
+    "1": Unit("number", 1.0),
+    "percent": Unit("number", 1e-2),
+    "1_s2": Unit("eigenvalue", 1.0),
+}
+"""Suffix of a column -> unit: beside those of keys those that no key has."""
+
 DURATION = r"(\d+(?:\.\d+)?)(h|min|s)"
 
 SAME_TIME = 1e-9
 """Times [s] closer than this are one."""
 
-SI_SUFFIX: dict[str, str] = {unit.dimension: suffix for suffix, unit in UNITS.items() if unit.factor == 1.0}
+SI_SUFFIX: dict[str, str] = {unit.dimension: suffix for suffix, unit in SUFFIXES.items() if unit.factor == 1.0}
 """Dimension -> suffix of its SI unit."""
 
 Length = Annotated[float, Dimension("length")]
@@ -106,7 +120,7 @@ def suffixes(dimension: str) -> list[str]:
 
 def unit_of(column: str) -> str:
     """Return the unit that the name of a column ends with, e.g. ml_s of flow_ml_s; empty if there is none."""
-    return max((unit for unit in UNITS if column.endswith(f"_{unit}")), key=len, default="")
+    return max((unit for unit in SUFFIXES if column.endswith(f"_{unit}")), key=len, default="")
 
 
 def to_si(value: float, suffix: str) -> float:
@@ -115,7 +129,7 @@ def to_si(value: float, suffix: str) -> float:
     The product is taken of the decimal numbers as written and rounded once, so that 11.1 mm is the float 0.0111 and
     not its neighbour. Values too large for a float become infinite, which a ConfigModel refuses.
     """
-    factor = UNITS[suffix].factor
+    factor = SUFFIXES[suffix].factor
     try:
         number = float(value)
         if factor == 1.0 or not math.isfinite(number):
@@ -137,6 +151,66 @@ def seconds(text: str) -> float:
     return sum(to_si(float(number), unit) for number, unit in parts)
 
 
-def from_si(value: float, suffix: str) -> float:
-    """Convert the SI `value` to the unit `suffix` (for display)."""
-    return value / UNITS[suffix].factor
+def from_si(value: Value, suffix: str) -> Value:
+    """Convert the SI `value`, a number or an array, to the unit `suffix` (for display)."""
+    return value / SUFFIXES[suffix].factor
+
+
+def symbol(suffix: str) -> str:
+    """Return a unit as it is printed, e.g. "ml/s", "mm²", "Pa s/m³"; empty for pure numbers."""
+    if suffix in ("1", "percent"):
+        return "%" if suffix == "percent" else ""
+    printed = re.sub("(Pa|mmHg)_s", r"\1 s", suffix).replace("_", "/")
+    return re.sub("(?<=[a-z])[23]", lambda power: "²³"[int(power[0]) - 2], printed)
+
+
+def in_unit(value: float | Iterable[float], suffix: str, spec: str = "g") -> str:
+    """Return the SI `value` in a unit with the unit, e.g. "25 mmHg" or, of several, "(1, 0, 2) mm"; `spec` as of
+    `format`."""
+    if isinstance(value, Iterable):
+        return f"({', '.join(format(from_si(one, suffix), spec) for one in value)}) {symbol(suffix)}"
+    return f"{from_si(value, suffix):{spec}} {symbol(suffix)}"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A quantity on an axis or in a table: what stands there and the numbers both follow from the unit.
+
+    Attributes:
+        name: stands before the unit.
+        unit: its suffix.
+        beside: stands behind the unit, as "of t = 0" behind that of a ratio.
+    """
+
+    name: str
+    unit: str
+    beside: str = ""
+
+    @property
+    def label(self) -> str:
+        """Of an axis, e.g. "flow [ml/s]"; empty without a name."""
+        return f"{self.name} [{' '.join(filter(None, (symbol(self.unit) or '1', self.beside)))}]" if self.name else ""
+
+    @property
+    def head(self) -> str:
+        """Of a column of a table, e.g. "flow ml/s"."""
+        return " ".join(filter(None, (self.name, symbol(self.unit), self.beside)))
+
+    @property
+    def si(self) -> str:
+        """Suffix of the columns that hold the quantity."""
+        return SI_SUFFIX[SUFFIXES[self.unit].dimension]
+
+    def __call__(self, values: Value) -> Value:
+        """Return SI values in the unit."""
+        return from_si(values, self.unit)
+
+    def check(self, column: str) -> str:
+        """Return a column that holds the quantity.
+
+        Raises:
+            ValueError: it is of another dimension.
+        """
+        if unit_of(column) != self.si:
+            raise ValueError(f"'{column}' cannot be shown in {self.unit}: it is no {SUFFIXES[self.unit].dimension}")
+        return column

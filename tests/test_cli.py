@@ -177,7 +177,7 @@ def test_info_of_a_run(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> No
         if len(row := line.split("│")) == 5
     }
     assert rows["skin_pressure"] == ("3333.05", "Pa")
-    assert rows["flow_in"] == ("1", "m3/s")
+    assert rows["flow_in"] == ("1", "m³/s")
     assert rows["reynolds"] == ("1", "")
 
 

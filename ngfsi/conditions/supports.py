@@ -18,7 +18,7 @@ from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.physics.fields import VELOCITY
 from ngfsi.physics.integrals import Integral
-from ngfsi.units import Length, from_si
+from ngfsi.units import Length, in_unit
 
 EndsKind = Literal["roller", "clamped", "guided", "free"]
 AXES = "xyz"
@@ -147,8 +147,8 @@ class Displacement(Prescribed):
         self._values = self._factor * self._given
 
     def sentence(self) -> str:
-        moved = ", ".join(f"{from_si(self._factor * part, 'mm'):.4g}" for part in self._displacement)
-        return f"{', '.join(self._boundaries)} moved by ({moved}) mm"
+        moved = in_unit([self._factor * part for part in self._displacement], "mm", ".4g")
+        return f"{', '.join(self._boundaries)} moved by {moved}"
 
 
 class DisplacementModel(ConditionModel):

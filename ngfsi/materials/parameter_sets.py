@@ -18,7 +18,7 @@ from ngfsi.config.model import ConfigModel
 from ngfsi.errors import MaterialError, unknown
 from ngfsi.materials.law import Law
 from ngfsi.materials.solid.law import SolidLaw
-from ngfsi.units import Pressure
+from ngfsi.units import Pressure, in_unit
 
 SOLIDS, FLUIDS = "ngfsi.solid_laws", "ngfsi.fluid_laws"
 """Groups of the registry, in which laws have the names of their tag `law`."""
@@ -58,7 +58,8 @@ class ParameterSet:
             stated, actual = getattr(self.stated, name), getattr(law, name)
             if stated is not None and abs(stated - actual) > MISMATCH * actual:
                 words = name.replace("youngs", "Young's").replace("_", " ")
-                flags.append(f"stated {words} {stated / 1e3:.4g} kPa is not the initial {words} {actual / 1e3:.4g} kPa")
+                numbers = (in_unit(modulus, "kPa", ".4g") for modulus in (stated, actual))
+                flags.append("stated {0} {1} is not the initial {0} {2}".format(words, *numbers))
         return tuple(flags)
 
 

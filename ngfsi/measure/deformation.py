@@ -9,7 +9,7 @@ from ngfsi.measure.ellipticity import Ellipticity, extreme
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics, in_3d
 from ngfsi.system.system import System
-from ngfsi.units import from_si
+from ngfsi.units import in_unit
 
 CLOSE = 0.2
 """det F below which elements are said to be close to inversion."""
@@ -124,5 +124,4 @@ class Deformation:
     def _deformed_place(self, region: str, number: int) -> str:
         points = self._points[region]
         place = np.asarray(self._place(points)).reshape(len(points), -1)[number]
-        place_mm = [from_si(float(x), "mm") for x in place]
-        return f"({', '.join(f'{x:.3g}' for x in place_mm)}) mm"
+        return in_unit(place, "mm", ".3g")

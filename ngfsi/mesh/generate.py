@@ -32,6 +32,7 @@ from ngfsi import process
 from ngfsi.arrays import Array
 from ngfsi.errors import MeshError
 from ngfsi.mesh.curving import reference_shape
+from ngfsi.units import in_unit
 
 if TYPE_CHECKING:
     from ngfsi.mesh.geometry import Geometry
@@ -179,10 +180,10 @@ def check_shape(mesh: Any, shape: Any) -> float:
     bad = np.flatnonzero(~(ratios > 0))
     if len(bad):
         worst = mesh[ngsolve.ElementId(ngsolve.VOL, int(np.argmin(ratios)))]
-        place = ", ".join(f"{x:.3g}" for x in np.mean([mesh[v].point for v in worst.vertices], axis=0) * 1e3)
+        place = in_unit(np.mean([mesh[v].point for v in worst.vertices], axis=0), "mm", ".3g")
         raise MeshError(
             f"{len(bad)} of {mesh.ne} curved elements are inverted, the worst in region '{worst.mat}' near "
-            f"({place}) mm: make elements along curved surfaces shorter or layers thicker"
+            f"{place}: make elements along curved surfaces shorter or layers thicker"
         )
     return float(ratios.min())
 

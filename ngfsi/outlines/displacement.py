@@ -16,7 +16,7 @@ from ngfsi.config.messages import key_error
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.outlines.outline import Outline
-from ngfsi.units import Length
+from ngfsi.units import Length, in_unit
 
 COLUMNS = ("x", "y", "ux", "uy")
 POINTS = 1000
@@ -141,8 +141,8 @@ def _on(outline: Outline, landmarks: Array, which: str) -> Array:
     if away.max() > FARTHEST:
         worst = int(np.argmax(away))
         raise GeometryError(
-            f"landmark {worst + 1} lies {1e3 * away[worst]:.1f} mm from the outline {which}: landmarks must be within "
-            f"{1e3 * FARTHEST:g} mm, check their units and order"
+            f"landmark {worst + 1} lies {in_unit(away[worst], 'mm', '.1f')} from the outline {which}: landmarks must "
+            f"be within {in_unit(FARTHEST, 'mm')}, check their units and order"
         )
     return arc
 

@@ -16,7 +16,7 @@ from ngfsi.arrays import Array, Mask
 from ngfsi.config.columns import read_columns
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
-from ngfsi.units import Length
+from ngfsi.units import Length, in_unit
 
 GAUSS, WEIGHTS = (0.5 * values for values in np.polynomial.legendre.leggauss(6))
 GAUSS = GAUSS + 0.5
@@ -84,7 +84,9 @@ class Outline(ConfigModel):
         if not np.all(steps > 0):
             raise ValueError(f"an outline has the same point twice, number {int(np.argmin(steps)) + 1} and the next")
         if steps[-1] > OPEN * np.max(steps[:-1]):
-            gap = f"{1e3 * steps[-1]:.3g} mm apart, {steps[-1] / np.median(steps):.0f} times the usual distance"
+            gap = (
+                f"{in_unit(steps[-1], 'mm', '.3g')} apart, {steps[-1] / np.median(steps):.0f} times the usual distance"
+            )
             raise ValueError(f"the outline is open: its first and last point are {gap}; add the missing points")
         if crossing := _crossing(self.points):
             raise ValueError(f"the outline crosses itself between points {crossing[0]} and {crossing[1]}: mend them")

@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ngfsi.arrays import Array
+from ngfsi.units import Shown
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 """Palette of Okabe and Ito, which colour-blind readers tell apart."""
@@ -34,32 +35,35 @@ class Convergence:
 
 
 def convergence(
-    panels: Mapping[str, Sequence[Convergence]], path: Path, labels: tuple[str, str] = ("size h", "error"),
+    panels: Mapping[str, Sequence[Convergence]], path: Path,
+    shown: tuple[Shown, Shown] = (Shown("size h", "1"), Shown("error", "1")),
     levels: Mapping[str, float] | None = None,
 ) -> None:  # fmt: skip
     """Draw errors over sizes, a panel per title, with the expected slope dashed through the finest error.
 
     Args:
-        labels: of the axes.
+        shown: the axes, of sizes and errors, which are SI.
         levels: by title an error to be reached, drawn as a dotted line.
     """
     figure, spaces, _ = new_panels(len(panels), 3, (4.2, 3.6), (0.0, 0.0))
     for panel, (title, lines) in zip(spaces, panels.items(), strict=False):
         for (marker, colour), line in zip(product("os^", COLOURS), lines, strict=False):
-            panel.loglog(line.sizes, line.errors, f"{marker}-", color=colour, markersize=4, label=line.label)
+            x, y = (axis(np.array(values)) for axis, values in zip(shown, (line.sizes, line.errors), strict=True))
+            panel.loglog(x, y, f"{marker}-", color=colour, markersize=4, label=line.label)
             if line.slope is not None:
-                expected = line.errors[-1] * (np.array(line.sizes) / line.sizes[-1]) ** line.slope
-                panel.loglog(line.sizes, expected, "--", color=colour, linewidth=1, label=f"slope {line.slope:g}")
-        sizes = sorted({size for line in lines for size in line.sizes})
+                panel.loglog(
+                    x, y[-1] * (x / x[-1]) ** line.slope, "--", color=colour, linewidth=1, label=f"slope {line.slope:g}"
+                )
+        sizes = sorted({shown[0](size) for line in lines for size in line.sizes})
         if len(sizes) < 8:
             panel.set_xticks(sizes, [f"{size:.3g}" for size in sizes])
             panel.set_xticks([], minor=True)
         if levels:
-            panel.axhline(levels[title], color=QUIET, linestyle=":", linewidth=1)
+            panel.axhline(shown[1](levels[title]), color=QUIET, linestyle=":", linewidth=1)
         panel.set_title(title, fontsize=10)
-        panel.set_xlabel(labels[0])
+        panel.set_xlabel(shown[0].label)
         panel.legend(fontsize=8 if len(lines) < 6 else 6, frameon=False)
-    spaces[0].set_ylabel(labels[1])
+    spaces[0].set_ylabel(shown[1].label)
     figure.savefig(path)
 
 
@@ -77,18 +81,18 @@ WIDEST_NAME = 14
 """Characters that fit under a bar."""
 
 
-def stacked_bars(parts: Mapping[str, Mapping[str, float]], unit: str, path: Path) -> None:
-    """Draw a bar for each of what is compared, of parts one on the other; parts -> name -> value."""
+def stacked_bars(parts: Mapping[str, Mapping[str, float]], shown: Shown, path: Path) -> None:
+    """Draw a bar for each of what is compared, of parts one on the other; parts -> name -> SI value."""
     names = list(next(iter(parts.values())))
     figure, axes = new_figure(2.4 + 1.3 * len(names), 4.2)
     below = np.zeros(len(names))
     shades = [*COLOURS, *(f"{colour}80" for colour in COLOURS)]
     for colour, (part, values) in zip(shades, parts.items(), strict=False):
-        heights = np.array([values[name] for name in names])
+        heights = shown(np.array([values[name] for name in names]))
         axes.bar(names, heights, bottom=below, color=colour, width=0.6, label=part)
         below += heights
     axes.set_xticks(range(len(names)), [fill(name, WIDEST_NAME) for name in names])
-    axes.set_ylabel(unit)
+    axes.set_ylabel(shown.label)
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(handles[::-1], labels[::-1], fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     figure.savefig(path)

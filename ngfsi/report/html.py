@@ -25,11 +25,11 @@ from ngfsi.analysis.tube import externals, in_one_dimension, overall_error, tran
 from ngfsi.errors import NgfsiError, OutputError
 from ngfsi.report import charts
 from ngfsi.report.charts import Runs
-from ngfsi.report.shapes import is_plane
+from ngfsi.report.shapes import MOVED, is_plane
 from ngfsi.report.tables import flat
 from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.stored import StoredRun, open_run
-from ngfsi.units import from_si
+from ngfsi.units import Shown, in_unit, to_si, unit_of
 
 REFERENCES = (
     "Y. Wang, PhD thesis on the effect of external compression on the deep veins of the calf (supervisor X. Y. Xu); "
@@ -212,23 +212,25 @@ def _has_tissue(run: StoredRun) -> bool:
     return bool(run.vessels) and _has_solids(run) and "p_tissue_side_Pa" in run.series
 
 
-def _share_of_start(column: str, label: str) -> Callable[[Runs], Any]:
-    return lambda runs: charts.over_time(runs, {"area": lambda r: 100 * r.series[column] / r.series[column][0]}, label)
+def _share_of_start(column: str, name: str) -> Callable[[Runs], Any]:
+    lines = {name: lambda run: run.series[column] / run.series[column][0]}
+    return lambda runs: charts.over_time(runs, lines, Shown(name, "percent", "of t = 0"))
 
 
-def _over_time(
-    label: str, quantities: Mapping[str, tuple[str, float]], dashed: Sequence[str] = ()
-) -> Callable[[Runs], Any]:
-    """Return the maker of a chart of columns over time; name of the line -> column and factor."""
-    lines = {name: lambda run, c=column, f=factor: f * run.series[c] for name, (column, factor) in quantities.items()}
-    return lambda runs: charts.over_time(runs, lines, label, dashed=dashed)
+def _over_time(shown: Shown, columns: Mapping[str, str], dashed: Sequence[str] = ()) -> Callable[[Runs], Any]:
+    """Return the maker of a chart of columns over time; name of the line -> column."""
+    return lambda runs: charts.over_time(runs, columns, shown, dashed=dashed)
+
+
+def _along(name: str, shown: Shown) -> Callable[[Runs], Any]:
+    return lambda runs: charts.along_vein(runs, name, shown)
 
 
 def _around_vein(runs: Runs) -> Any:
-    lines = {"tissue side": lambda run: run.series["p_tissue_side_Pa"] / 1e3}
+    lines: dict[str, Any] = {"tissue side": "p_tissue_side_Pa"}
     if all(run.skin_pressure is not None for run in runs.values()):
-        lines["skin"] = lambda run: run.skin_pressure / 1e3
-    return charts.over_time(runs, lines, "pressure [kPa]", dashed=("skin",))
+        lines["skin"] = lambda run: run.skin_pressure
+    return charts.over_time(runs, lines, Shown("pressure", "kPa"), dashed=("skin",))
 
 
 def _stability(title: str, run: StoredRun) -> str:
@@ -236,20 +238,20 @@ def _stability(title: str, run: StoredRun) -> str:
     time, critical, eigenvalue = (
         run.stability[name][stage] for name in ("time_s", "critical_skin_pressure_Pa", "smallest_eigenvalue_1_s2")
     )
-    where = f", critical {from_si(critical, 'mmHg'):.3g} mmHg" if np.isfinite(critical) else ""
-    return f"{title}: {'stable' if eigenvalue > 0 else 'not stable'} at {time:.3g} s{where}."
+    where = f", critical {in_unit(critical, 'mmHg', '.3g')}" if np.isfinite(critical) else ""
+    return f"{title}: {'stable' if eigenvalue > 0 else 'not stable'} at {in_unit(time, 's', '.3g')}{where}."
 
 
 def _causes(title: str, run: StoredRun) -> str:
-    row = run.loaded_row
-    parts = ", ".join(f"{cause} {values[row]:.4f}" for cause, values in decompose(run.series).items())
-    return f"{title} at {run.series['time_s'][row]:.3g} s, in Pa: {parts}."
+    row, found = run.loaded_row, decompose(run.series).items()
+    parts = ", ".join(f"{cause} {in_unit(values[row], 'Pa', '.4f')}" for cause, values in found)
+    return f"{title} at {in_unit(run.series['time_s'][row], 's', '.3g')}: {parts}."
 
 
 def _transmission(title: str, run: StoredRun) -> str:
     fraction = transmission(run)[run.loaded_row]
-    arrives = f"{title}: {100 * fraction:.0f} % of the rise of the skin's mean pressure arrives at the wall."
-    return arrives if np.isfinite(fraction) else ""
+    part = in_unit(fraction, "percent", ".0f")
+    return "" if np.isnan(fraction) else f"{title}: {part} of the rise of the skin's mean pressure arrives at the wall."
 
 
 def _has_tube_law(run: StoredRun) -> bool:
@@ -262,61 +264,63 @@ def _has_tube_law(run: StoredRun) -> bool:
 
 
 def _fits(runs: Runs) -> list[Part]:
-    head = ["run, law", "against", "A0 at mid-length mm²", "K kPa", "rms error of area %", "largest %"]
+    area, stiffness = Shown("A0 at mid-length", "mm2"), Shown("K", "kPa")
+    error, largest = Shown("rms error of area", "percent"), Shown("largest", "percent")
     rows = []
     for title, run in runs.items():
         for against in externals(run):
             for name, fits in tube_laws(run, against).items():
                 middle = fits[len(fits) // 2].law
-                rows.append([f"{title}, {name}", against, f"{1e6 * float(middle.area):.2f}",
-                             f"{float(middle.stiffness) / 1e3:.3f}", f"{100 * overall_error(fits):.3f}",
-                             f"{100 * max(one.largest for one in fits):.3f}"])  # fmt: skip
-    return [Table(head, rows)]
+                rows.append([f"{title}, {name}", against, f"{area(float(middle.area)):.2f}",
+                             f"{stiffness(float(middle.stiffness)):.3f}", f"{error(overall_error(fits)):.3f}",
+                             f"{largest(max(one.largest for one in fits)):.3f}"])  # fmt: skip
+    return [Table(["run, law", "against", *(shown.head for shown in (area, stiffness, error, largest))], rows)]
 
 
 def _in_one_dimension(runs: Runs) -> list[Part]:
-    compared = {title: in_one_dimension(run) for title, run in runs.items()}
-    head = ["run, 1-D against 3-D", *(f"{name}: mean, rms %" for name in ("area", "flow", "SAWSS"))]
+    compared, gap = {title: in_one_dimension(run) for title, run in runs.items()}, Shown("mean, rms", "percent")
+    head = ["run, 1-D against 3-D", *(f"{name}: {gap.head}" for name in next(iter(compared.values())).gaps)]
     rows = [
-        [name, *(f"{100 * gap.mean:+.2f}, {100 * gap.rms:.2f}" for gap in one.gaps.values())]
+        [name, *(f"{gap(found.mean):+.2f}, {gap(found.rms):.2f}" for found in one.gaps.values())]
         for name, one in compared.items()
     ]
     return [charts.one_dimension(compared), Table(head, rows)]
 
 
+FLOW = Shown("flow", "ml_s")
 LOADED = "the stored time nearest to the last at which the load is at its largest"
 CHARTS = (
     Chart("Area of the lumen", "vessel",
-          _share_of_start("lumen_area_mean_m2", "mean area [% of t = 0]"),
+          _share_of_start("lumen_area_mean_m2", "mean area"),
           _holds("lumen_area_mean_m2")),
     Chart("Volume of the lumen", "vessel",
-          _share_of_start("lumen_volume_m3", "volume [% of t = 0]"),
+          _share_of_start("lumen_volume_m3", "volume"),
           lambda run: _is_branched(run) and "lumen_volume_m3" in run.series),
     Chart("Area of the lumen in the section", "vessel",
-          _share_of_start("lumen_area_m2", "area [% of t = 0]"),
+          _share_of_start("lumen_area_m2", "area"),
           _holds("lumen_area_m2")),
     Chart("Area inside the skin", "all",
-          _share_of_start("skin_area_m2", "area [% of t = 0]"),
+          _share_of_start("skin_area_m2", "area"),
           _holds("skin_area_m2")),
-    Chart("Largest displacement", "all", _over_time("displacement [mm]", {"displacement": ("displacement_max_m", 1e3)}),
+    Chart("Largest displacement", "all", _over_time(MOVED, {"displacement": "displacement_max_m"}),
           lambda run: "displacement_max_m" in run.series and not any(name.endswith("sawss_Pa") for name in run.series)),
     Chart("Wall shear stress", "vessel",
-          _over_time("SAWSS [Pa]", {"computed": ("sawss_Pa", 1.0),
-                                    "developed flow": ("sawss_poiseuille_local_Pa", 1.0)}, ("developed flow",)),
+          _over_time(charts.SAWSS, {"computed": "sawss_Pa", "developed flow": "sawss_poiseuille_local_Pa"},
+                     ("developed flow",)),
           _holds("sawss_Pa", "sawss_poiseuille_local_Pa"),
           "Dashed: developed flow in circles of the same local area, with the same local flow."),
-    Chart("Wall shear stress, mean", "vessel", _over_time("SAWSS [Pa]", {"computed": ("sawss_Pa", 1.0)}),
+    Chart("Wall shear stress, mean", "vessel", _over_time(charts.SAWSS, {"computed": "sawss_Pa"}),
           lambda run: _is_branched(run) and "sawss_Pa" in run.series,
           "Over the walls of all branches."),
     Chart("Why it rises", "vessel", charts.causes, _holds(*STAGES.values()), said=_causes),
     Chart("Along the vein: area", "branch",
-          lambda runs: charts.along_vein(runs, "area", "m2", 1e6, "lumen area [mm²]"), _holds("area_z00_m2"),
+          _along("area", Shown("lumen area", "mm2")), _holds("area_z00_m2"),
           "Dotted: t = 0."),
     Chart("Along the vein: wall shear stress", "branch",
-          lambda runs: charts.along_vein(runs, "wss", "Pa", 1.0, "WSS, mean around [Pa]"), _holds("wss_z00_Pa"),
+          _along("wss", Shown("WSS, mean around", "Pa")), _holds("wss_z00_Pa"),
           "Dotted: t = 0."),
     Chart("Along the vein: flow", "branch",
-          lambda runs: charts.along_vein(runs, "flow", "m3_s", 1e6, "flow [ml/s]"), _holds("flow_z00_m3_s"),
+          _along("flow", FLOW), _holds("flow_z00_m3_s"),
           "Dotted: t = 0. It changes at a fork by what other branches take or bring."),
     Chart("Outline of the lumen at mid-length", "branch", charts.outlines, _has_outlines, "Grey: t = 0."),
     Chart("Wall shear stress on the unrolled vein", "branch", charts.unrolled, _has_wall_fields, f"At {LOADED}."),
@@ -327,8 +331,8 @@ CHARTS = (
     Chart("Vein in 3-D", "run", charts.vein, _has_wall_fields, "Drag to turn; wall shear stress."),
     Chart("Solids in 3-D", "run", charts.half, _has_body, "Lower half of the deformed shape, displacement."),
     Chart("Flow balance", "vessel",
-          _over_time("flow [ml/s]", {"inflow": ("flow_in_m3_s", 1e6), "outflow": ("flow_out_m3_s", 1e6),
-                                     "rate of volume": ("lumen_volume_rate_m3_s", 1e6)}, ("inflow",)),
+          _over_time(FLOW, {"inflow": "flow_in_m3_s", "outflow": "flow_out_m3_s",
+                            "rate of volume": "lumen_volume_rate_m3_s"}, ("inflow",)),
           _holds("flow_in_m3_s", "flow_out_m3_s", "lumen_volume_rate_m3_s"),
           "Inflow = outflow + rate of the lumen's volume."),
     Chart("Pressure around the vein", "vessel", _around_vein, _holds("p_tissue_side_Pa"),
@@ -342,8 +346,7 @@ CHARTS = (
     Chart("Mode of collapse", "run", charts.collapse, _has_stages,
           "Lower half of the solids, moved along the mode; colour: its relative size."),
     Chart("Along the vein: transmural pressure", "branch",
-          lambda runs: charts.along_vein(runs, "p_transmural", "Pa", 1e-3, "transmural pressure [kPa]"),
-          _holds("p_transmural_z00_Pa"),
+          _along("p_transmural", Shown("transmural pressure", "kPa")), _holds("p_transmural_z00_Pa"),
           "Blood less tissue: its normal traction on the wall, mean around. Dotted: t = 0."),
     Chart("Tube law", "vessel", charts.tube_law, _has_tube_law),
     Chart("Fits of the tube laws", "vessel", _fits, _has_tube_law,
@@ -376,60 +379,60 @@ def _parts(chart: Chart, runs: Runs) -> list[Part]:
     return [*(made if isinstance(made, list) else [made]), *filter(None, [note])]
 
 
-def _ratio(value: float, start: float) -> Any:
-    return Markup("<b>{:.2f}</b>").format(value / start) if start else "-"
+def _lost(column: str) -> Callable[[StoredRun, int], float]:
+    return lambda run, row: 1 - run.series[column][row] / run.series[column][0]
 
 
-def _lost(values: Any, row: int) -> Any:
-    return Markup("<b>{:.1f}</b>").format(100 * (1 - values[row] / values[0]))
+def _over_start(run: StoredRun, row: int) -> float:
+    sawss = run.series["sawss_Pa"]
+    return float(sawss[row] / sawss[0]) if sawss[0] else np.nan
 
 
-def _on_skin(run: StoredRun, row: int) -> str:
-    """Return the pressure on the skin (mmHg): its mean, and its largest value where cuffs make it differ."""
-    found = run.on_skin(run.series["time_s"][row])
-    if not found:
-        raise KeyError
-    return ", most ".join(f"{from_si(pressure, 'mmHg'):.3g}" for pressure in found)
-
-
-def _defect(run: StoredRun, _: int) -> str:
+def _defect(run: StoredRun, _: int) -> float:
     inflow = np.max(np.abs(run.series["flow_in_m3_s"]))
-    return f"{np.max(np.abs(run.series['mass_defect_m3_s'])) / inflow:.1e}" if inflow else "-"
+    return float(np.max(np.abs(run.series["mass_defect_m3_s"])) / inflow) if inflow else np.nan
 
 
-HEADLINE: Mapping[str, Callable[[StoredRun, int], Any]] = {
-    "time s": lambda run, row: f"{run.series['time_s'][row]:.3g}",
-    "skin mmHg": _on_skin,
-    "volume lost %": lambda run, row: _lost(run.series["lumen_volume_m3"], row),
-    "lumen area lost %": lambda run, row: _lost(run.series["lumen_area_m2"], row),
-    "area inside the skin lost %": lambda run, row: _lost(run.series["skin_area_m2"], row),
-    "SAWSS Pa": lambda run, row: f"{run.series['sawss_Pa'][row]:.4f}",
-    "SAWSS / t = 0": lambda run, row: _ratio(run.series["sawss_Pa"][row], run.series["sawss_Pa"][0]),
-    "SAWSS by momentum balance Pa": lambda run, row: f"{run.series['sawss_consistent_Pa'][row]:.4f}",
-    "mass defect / inflow": _defect,
-    "low shear, % of wall": lambda run, row: f"{100 * run.series['wss_low_area_1'][row]:.0f}",
-    "largest displacement mm": lambda run, row: f"{1e3 * run.series['displacement_max_m'][row]:.3g}",
+HEADLINE: Mapping[Shown, tuple[str, str | Callable[[StoredRun, int], Any]]] = {
+    Shown("time", "s"): (".3g", "time_s"),
+    Shown("skin", "mmHg"): (".3g", lambda run, row: np.array(run.on_skin(run.series["time_s"][row]))),
+    Shown("volume lost", "percent"): ("b.1f", _lost("lumen_volume_m3")),
+    Shown("lumen area lost", "percent"): ("b.1f", _lost("lumen_area_m2")),
+    Shown("area inside the skin lost", "percent"): ("b.1f", _lost("skin_area_m2")),
+    Shown("SAWSS", "Pa"): (".4f", "sawss_Pa"),
+    Shown("SAWSS / t = 0", "1"): ("b.2f", _over_start),
+    Shown("SAWSS by momentum balance", "Pa"): (".4f", "sawss_consistent_Pa"),
+    Shown("mass defect / inflow", "1"): (".1e", _defect),
+    Shown("low shear", "percent", "of wall"): (".0f", "wss_low_area_1"),
+    Shown("largest displacement", "mm"): (".3g", "displacement_max_m"),
 }
-"""Head -> cell of a run and row; a KeyError where the run has none."""
+"""Head -> format, after a "b" if bold, and column or SI value of a run and row; of two values the second is the
+largest."""
+
+
+def _cell(shown: Shown, spec: str, of: str | Callable[[StoredRun, int], Any], run: StoredRun) -> Any:
+    """Return a cell of the headline; "-" where there is no number, None where the run has no such quantity."""
+    try:
+        values = run.series[shown.check(of)][run.loaded_row] if isinstance(of, str) else of(run, run.loaded_row)
+    except KeyError:
+        return None
+    text = ", most ".join(format(value, spec.removeprefix("b")) for value in shown(np.atleast_1d(values)))
+    return ("-" if "nan" in text else Markup("<b>{}</b>").format(text) if spec.startswith("b") else text) or None
 
 
 def _headline(runs: Runs) -> Section:
     found: dict[Any, dict[str, Any]] = {}
     for ending, views in _views("vessel", runs, lambda _: True):
         for title, run in views.items():
-            cells = found.setdefault(Markup("{}{}{}").format(title, ending, _ended(run)), {})
-            for head, cell in HEADLINE.items():
-                try:
-                    cells[head] = cell(run, run.loaded_row)
-                except KeyError:
-                    continue
-    heads = [head for head in HEADLINE if any(head in cells for cells in found.values())]
-    rows = [[title, *(cells.get(head, "-") for head in heads)] for title, cells in found.items()]
+            cells = {shown.head: _cell(shown, *how, run) for shown, how in HEADLINE.items()}
+            found[Markup("{}{}{}").format(title, ending, _ended(run))] = cells
+    heads = [shown.head for shown in HEADLINE if any(cells[shown.head] for cells in found.values())]
+    rows = [[title, *(cells[head] or "-" for head in heads)] for title, cells in found.items()]
     note = (
         "When the load on the skin is first at its largest; without such a load solids alone when they are displaced "
         "most, others at the last time."
     )
-    if "SAWSS Pa" in heads:
+    if charts.SAWSS.head in heads:
         note += (
             " Volume and SAWSS (wall shear stress, mean over the deformed wall) are held against the state at t = 0. "
             "SAWSS from the gradient of the velocity and from the balance of momentum would be equal on an infinitely "
@@ -473,16 +476,15 @@ def _claims(runs: Runs, claims: Mapping[str, Any]) -> list[Section]:
             continue
         row = run.loaded_row
         computed = {
-            "volume_reduction_percent": 100 * (1 - series["lumen_volume_m3"][row] / series["lumen_volume_m3"][0]),
-            "sawss_rise_percent": 100 * (series["sawss_Pa"][row] / series["sawss_Pa"][0] - 1),
-            "hydrostatic_pressure_kPa": series["p_wall_mean_Pa"][row] / 1e3,
+            "volume_reduction_percent": _lost("lumen_volume_m3")(run, row),
+            "sawss_rise_percent": series["sawss_Pa"][row] / series["sawss_Pa"][0] - 1,
+            "hydrostatic_pressure_kPa": series["p_wall_mean_Pa"][row],
         }
-        printed = {key: claims[key][law] for key in computed if law in claims.get(key, {})}
-        rows += [
-            [f"{title} ({law}): {key.replace('_', ' ')}", f"{number:g}", f"{computed[key]:.3g}",
-             f"{computed[key] - number:+.3g}"]
-            for key, number in printed.items()
-        ]  # fmt: skip
+        printed = {key: to_si(claims[key][law], unit_of(key)) for key in computed if law in claims.get(key, {})}
+        for key, number in printed.items():
+            shown = Shown(key.removesuffix(f"_{unit_of(key)}").replace("_", " "), unit_of(key))
+            rows.append([f"{title} ({law}): {shown.head}", f"{shown(number):g}", f"{shown(computed[key]):.3g}",
+                         f"{shown(computed[key] - number):+.3g}"])  # fmt: skip
         if {"volume_reduction_percent", "sawss_rise_percent"} <= set(printed) and _holds(*STAGES.values())(run):
             why.append(_why(title, run, printed["volume_reduction_percent"], printed["sawss_rise_percent"]))
     if not rows:
@@ -495,16 +497,16 @@ def _claims(runs: Runs, claims: Mapping[str, Any]) -> list[Section]:
 
 
 def _why(title: str, run: StoredRun, loss: float, rise: float) -> str:
-    """Return why the printed rise (%) of SAWSS can or cannot follow from the printed loss (%) of volume."""
-    row, series = run.loaded_row, run.series
-    start = float(series["sawss_Pa"][0])
-    parts = {cause: 100 * float(values[row]) / start for cause, values in decompose(series).items()}
-    flow = from_si(float(series["flow_in_m3_s"][0]), "ml_s")
+    """Return why the printed rise of SAWSS can or cannot follow from the printed loss of volume, both relative."""
+    row, start, causes = run.loaded_row, float(run.series["sawss_Pa"][0]), decompose(run.series)
+    part = {cause: in_unit(values[row] / start, "percent", ".0f") for cause, values in causes.items()}
+    alone = in_unit(narrowing(loss) - 1, "percent", ".0f")
+    flow = in_unit(run.series["flow_in_m3_s"][0], "ml_s", ".3g")
     return (
-        f"{title}: at a constant flow a loss of {loss:g} % raises SAWSS by {100 * (narrowing(loss / 100) - 1):.0f} %, "
-        f"not by {rise:g} %; the rest must be blood that the vein expels itself and profiles that had no time to "
-        f"develop. With {flow:.3g} ml/s these add {parts['squeeze flow']:.0f} and {parts['profile']:.0f} % to the "
-        f"{parts['narrowing']:.0f} % of narrowing; their part grows as the flow falls (study flow_rate)."
+        f"{title}: at a constant flow a loss of {in_unit(loss, 'percent')} raises SAWSS by {alone}, not by "
+        f"{in_unit(rise, 'percent')}; the rest must be blood that the vein expels itself and profiles that had no time "
+        f"to develop. With {flow} these add {part['squeeze flow']} and {part['profile']} to the {part['narrowing']} of "
+        "narrowing; their part grows as the flow falls (study flow_rate)."
     )
 
 

@@ -23,11 +23,11 @@ from matplotlib.colors import Normalize
 from PIL import Image
 
 from ngfsi import process
-from ngfsi.report.shapes import FROM_BEHIND, SHEAR, evenly, lower_half, middle
+from ngfsi.report.shapes import FROM_BEHIND, MOVED, SHEAR, WSS, evenly, lower_half, middle
 from ngfsi.store.disk import explained
 from ngfsi.store.stored import StoredRun, open_run
 from ngfsi.store.vessels import Frame
-from ngfsi.units import from_si
+from ngfsi.units import Shown, in_unit, to_si
 
 TIMEOUT = 180.0
 NO_OPENGL = (
@@ -127,10 +127,10 @@ def _draw_displacement(runs: Mapping[str, StoredRun], times: Sequence[float], pa
         plotter.view_vector(np.dot(FROM_BEHIND, axes), viewup=axes[2])
         plotter.reset_camera()
         plotter.camera.zoom(1.15)
-        images[f"{title}, t = {times[0]:g} s"] = plotter.screenshot(return_img=True)
+        images[f"{title}, t = {in_unit(times[0], 's')}"] = plotter.screenshot(return_img=True)
     colours = ", ".join([*(["vein red"] if walls else []), *(["bones white"] if any(bones.values()) else [])])
     note = "\n".join(["upper half of the tissue cut away, seen from behind", *([colours] if colours else [])])
-    _compose(images, path, columns=min(len(images), 3), limits=limits, label="displacement [mm]", note=note)
+    _compose(images, path, columns=min(len(images), 3), limits=limits, shown=MOVED, note=note)
 
 
 def _bones(run: StoredRun) -> list[Any]:
@@ -145,7 +145,7 @@ def _bones(run: StoredRun) -> list[Any]:
 def _draw_wall_shear(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
     frame = middle(next(iter(runs.values())))
     walls = {
-        f"{title}, t = {time:g} s": run.fields(time, "wall").clean(tolerance=1e-7)
+        f"{title}, t = {in_unit(time, 's')}": run.fields(time, "wall").clean(tolerance=1e-7)
         for title, run in runs.items()
         for time in times
     }
@@ -160,7 +160,7 @@ def _draw_wall_shear(runs: Mapping[str, StoredRun], times: Sequence[float], path
         plotter.camera.parallel_scale = width * 0.52
         images[title] = plotter.screenshot(return_img=True)
     note = "deformed inner wall of the vein from the front, all to the same scale; blood flows from left to right"
-    _compose(images, path, columns=1, limits=(low, high), label="wall shear stress [Pa]", note=note)
+    _compose(images, path, columns=1, limits=(low, high), shown=WSS, note=note)
 
 
 def _look_across(plotter: Any, wall: Any, frame: Frame, distance: float) -> None:
@@ -180,7 +180,7 @@ def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path:
     frames = []
     for time, wall in zip(times, walls, strict=True):
         plotter = _plotter(WIDTH // 2, WIDTH // 6)
-        bar = {"title": "wall shear stress [Pa]", "color": "black", "position_y": 0.04, "height": 0.12, "n_labels": 3}
+        bar = {"title": WSS.label, "color": "black", "position_y": 0.04, "height": 0.12, "n_labels": 3}
         plotter.add_mesh(wall, scalars=SHEAR, clim=(0.0, high), **SHADED | {"show_scalar_bar": True},
                          scalar_bar_args=bar)  # fmt: skip
         plotter.add_text(_caption(run, time), font_size=9, color="black")
@@ -195,9 +195,11 @@ def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path:
 def _caption(run: StoredRun, time: float) -> str:
     """Return the time (s) and the pressure on the skin then, if there is one: its mean, and its largest value where
     cuffs make it differ."""
-    words = "{:.1f} mmHg on the skin", "most {:.1f}"
-    said = (word.format(from_si(pressure, "mmHg")) for word, pressure in zip(words, run.on_skin(time), strict=False))
-    return ", ".join([f"t = {time:.2f} s", *said])
+    words = "{} on the skin", "most {}"
+    skin = (
+        word.format(in_unit(pressure, "mmHg", ".1f")) for word, pressure in zip(words, run.on_skin(time), strict=False)
+    )
+    return ", ".join([f"t = {in_unit(time, 's', '.2f')}", *skin])
 
 
 def _save_frames(frames: Sequence[Image.Image], path: Path) -> None:
@@ -205,7 +207,7 @@ def _save_frames(frames: Sequence[Image.Image], path: Path) -> None:
     if path.suffix.lower() != ".mp4":
         frames[0].save(path, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0)
         return
-    film = write_frames(str(path), frames[0].size, fps=1000 / FRAME_MS, macro_block_size=2)
+    film = write_frames(str(path), frames[0].size, fps=1 / to_si(FRAME_MS, "ms"), macro_block_size=2)
     film.send(None)
     for frame in frames:
         film.send(frame.convert("RGB").tobytes())
@@ -220,7 +222,7 @@ def _plotter(width: int, height: int) -> Any:
 
 
 def _compose(
-    images: Mapping[str, Any], path: str, *, columns: int, limits: tuple[float, float], label: str, note: str
+    images: Mapping[str, Any], path: str, *, columns: int, limits: tuple[float, float], shown: Shown, note: str
 ) -> None:
     """Lay pictures out with their titles above and one colour bar below."""
     height, width = next(iter(images.values())).shape[:2]
@@ -233,7 +235,7 @@ def _compose(
     for axes, (title, image) in zip(panels.flat, images.items(), strict=False):
         axes.imshow(image)
         axes.set_title(title, fontsize=11, loc="left")
-    scale = ScalarMappable(Normalize(*limits), COLOURS)
+    scale = ScalarMappable(Normalize(shown(limits[0]), shown(limits[1])), COLOURS)
     bar = figure.colorbar(scale, ax=panels, location="bottom", shrink=0.6, aspect=40, pad=0.02)
-    bar.set_label(f"{label}\n{note}", fontsize=10)
+    bar.set_label(f"{shown.label}\n{note}", fontsize=10)
     figure.savefig(path, dpi=150)

@@ -11,8 +11,10 @@ from ngfsi.arrays import Array
 from ngfsi.store.fields import DISPLACEMENT, REGION
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.vessels import Course, Frame
+from ngfsi.units import Shown, from_si
 
 SHEAR = "wall_shear_magnitude_Pa"
+WSS, MOVED = Shown("wall shear stress", "Pa"), Shown("displacement", "mm")
 AROUND, ALONG = 121, 61
 """Points of an unrolled wall."""
 OFF_FACES = 0.01
@@ -39,11 +41,11 @@ def first_and_loaded(run: StoredRun) -> tuple[float, float]:
 
 
 def solids(run: StoredRun, time: float) -> Any:
-    """Return the deformed solids nearest to `time` (s) with the size of their `displacement` in mm."""
+    """Return the deformed solids nearest to `time` (s) with the size of their `displacement` in m."""
     grid = run.fields(time)
     blood = np.isin([str(name) for name in grid.field_data["regions"]], sorted(run.lumens))
     solid = grid.extract_cells(np.flatnonzero(~blood[grid.cell_data[REGION]]))
-    solid.point_data["displacement"] = np.linalg.norm(solid.point_data[DISPLACEMENT], axis=1) * 1e3
+    solid.point_data["displacement"] = np.linalg.norm(solid.point_data[DISPLACEMENT], axis=1)
     return solid
 
 
@@ -73,7 +75,7 @@ def evenly(times: Sequence[float], most: int) -> list[float]:
 
 
 def unroll(run: StoredRun) -> tuple[Array, Array, Array]:
-    """Return angles [deg], positions [mm] and wall shear stress [Pa] (positions, angles) under the largest load.
+    """Return angles [rad], positions [m] and wall shear stress [Pa] (positions, angles) under the largest load.
 
     Angle and position are those of a point of the wall at the first stored time; of a branched vessel those points are
     taken that are around its centreline.
@@ -83,12 +85,12 @@ def unroll(run: StoredRun) -> tuple[Array, Array, Array]:
     vessel = run.own_vessel
     place, values = run.fields(0.0, "wall").points, run.fields(run.loaded_time, "wall").point_data[SHEAR]
     near = vessel.has_near(np.asarray(place, dtype=float))
-    turned, position = vessel.course.around(np.asarray(place, dtype=float)[near])
-    angle, position = np.degrees(turned), position * 1e3
-    known = np.column_stack([np.concatenate([angle + turn for turn in (-360, 0, 360)]), np.tile(position, 3)])
-    angles, positions = np.linspace(-180, 180, AROUND), np.linspace(position.min(), position.max(), ALONG)
-    wanted = tuple(np.meshgrid(angles, positions))
+    angle, position = vessel.course.around(np.asarray(place, dtype=float)[near])
+    angles, positions = np.linspace(-np.pi, np.pi, AROUND), np.linspace(position.min(), position.max(), ALONG)
     # degrees and millimetres are of like size, which the triangulation needs
+    all_round = np.concatenate([angle + turn for turn in (-2 * np.pi, 0, 2 * np.pi)])
+    known = np.column_stack([from_si(all_round, "deg"), np.tile(from_si(position, "mm"), 3)])
+    wanted = tuple(np.meshgrid(from_si(angles, "deg"), from_si(positions, "mm")))
     values = np.tile(np.asarray(values, dtype=float)[near], 3)
     linear, nearest = (griddata(known, values, wanted, method=method) for method in ("linear", "nearest"))
     return angles, positions, np.where(np.isfinite(linear), linear, nearest)

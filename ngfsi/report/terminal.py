@@ -18,7 +18,7 @@ from ngfsi.mesh.generate import cache_folder
 from ngfsi.report.tables import flat
 from ngfsi.store.provenance import named_commit, versions
 from ngfsi.store.stored import StoredRun
-from ngfsi.units import unit_of
+from ngfsi.units import Shown, in_unit, symbol, unit_of
 
 PIPED_WIDTH = 160
 """Columns where the output is no terminal and need not be folded."""
@@ -30,20 +30,14 @@ def console() -> Console:
     return found if found.is_terminal else Console(width=PIPED_WIDTH)
 
 
-def split_unit(column: str) -> tuple[str, str]:
-    """Return name and unit of a column, e.g. ("flow_in", "m3/s"); the unit is empty for pure numbers."""
-    unit = unit_of(column)
-    name = column.removesuffix(f"_{unit or '1'}")
-    return name, unit.replace("_", " " if "Pa" in unit else "/")
-
-
 def run_summary(run: StoredRun) -> RenderableType:
     """Return what is known of a run: case, how it ended, mesh, effort, and the last row of its series."""
     case, manifest = run.case, run.manifest
     facts = {
         "folder": str(run.path),
         "case": f"{case.name}: {_solids(case)}, {type(case.geometry).__name__}, "
-        f"order {case.discretisation.order}, {case.time.scheme}, {case.time.end:g} s in steps of {case.time.step:g} s",
+        f"order {case.discretisation.order}, {case.time.scheme}, {in_unit(case.time.end, 's')} in steps of "
+        f"{in_unit(case.time.step, 's')}",
         "status": " - ".join(filter(None, (run.status, manifest.get("reason", "")))),
         "code": _code(manifest),
     }
@@ -65,22 +59,22 @@ def installation() -> RenderableType:
 
 def materials() -> RenderableType:
     """Return the parameter sets with their initial moduli, and what is odd about them."""
-    table = Table("set", "law", *(Column(head, justify="right") for head in _NUMBERS), title="Parameter sets")
+    table = Table("set", "law", *(Column(head.head, justify="right") for head in _NUMBERS), title="Parameter sets")
     listed = [read_set(name) for name in available_sets()]
     for entry in listed:
-        values = ((getattr(entry.material, name, None), factor, form) for name, factor, form in _NUMBERS.values())
-        numbers = ("" if value is None else f"{value * factor:{form}}" for value, factor, form in values)
+        values = ((shown, form, getattr(entry.material, name, None)) for shown, (name, form) in _NUMBERS.items())
+        numbers = ("" if value is None else f"{shown(value):{form}}" for shown, form, value in values)
         table.add_row(entry.name, entry.material.law, *numbers)
     odd = [Text(f"! {entry.name}: {flag}", style="yellow") for entry in listed for flag in entry.flags]
     return Group(table, *odd)
 
 
-_NUMBERS: dict[str, tuple[str, float, str]] = {
-    "G0 kPa": ("shear_modulus", 1e-3, ".4g"), "K0 kPa": ("bulk_modulus", 1e-3, ".4g"),
-    "E0 kPa": ("youngs_modulus", 1e-3, ".4g"), "nu0": ("poissons_ratio", 1, ".3f"),
-    "kg/m3": ("density", 1, "g"), "mPa s": ("nominal_viscosity", 1e3, ".4g"),
+_NUMBERS: dict[Shown, tuple[str, str]] = {
+    Shown("G0", "kPa"): ("shear_modulus", ".4g"), Shown("K0", "kPa"): ("bulk_modulus", ".4g"),
+    Shown("E0", "kPa"): ("youngs_modulus", ".4g"), Shown("nu0", "1"): ("poissons_ratio", ".3f"),
+    Shown("", "kg_m3"): ("density", "g"), Shown("", "mPa_s"): ("nominal_viscosity", ".4g"),
 }  # fmt: skip
-"""Head -> attribute of a law, factor from SI, digits."""
+"""Head -> attribute of a law, digits."""
 _SHOWN = ("case", "case_digest", "status", "reason", "versions", "commit", "vessels")
 
 
@@ -103,8 +97,8 @@ def _last_row(run: StoredRun) -> list[RenderableType]:
     number = len(run.series["time_s"])
     table = Table("quantity", Column("value", justify="right"), "unit", title=f"Last of {number} stored times")
     for column, values in run.series.items():
-        name, unit = split_unit(column)
-        table.add_row(name, f"{values[-1]:.6g}", unit)
+        unit = unit_of(column)
+        table.add_row(column.removesuffix(f"_{unit}"), f"{values[-1]:.6g}", symbol(unit))
     return [table]
 
 

@@ -38,7 +38,7 @@ from ngfsi.report.terminal import console
 from ngfsi.solve.statics import section_case
 from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.table import write_rows
-from ngfsi.units import from_si
+from ngfsi.units import Shown, from_si, in_unit
 from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.source import tables
 
@@ -401,9 +401,10 @@ def _moduli(folder: Path, found: Sequence[Recovered]) -> str:
     drawn, highest = [], []
     for f in found:
         values, losses = curve(f.model, vein_loss(f.model.case.geometry), MODULI)
-        drawn.append(Line(f"subject {f.subject}", values / 1e3, 100 * losses))
-        highest.append(f"{100 * losses[-1]:.0f} at {values[-1] / 1e3:.0f} kPa")
-    lines({"vein, skin moved as registered": drawn}, ("K [kPa]", "loss of the vein's area [%]"), folder / "modulus.png")
+        drawn.append(Line(f"subject {f.subject}", values, losses))
+        highest.append(f"{100 * losses[-1]:.0f} at {in_unit(values[-1], 'kPa', '.0f')}")
+    axes = Shown("K", "kPa"), Shown("loss of the vein's area", "percent")
+    lines({"vein, skin moved as registered": drawn}, axes, folder / "modulus.png")
     rows = [
         (
             str(f.subject), f"{100 * f.truth.calf:.2f}", f"{f.true_bulk / 1e3:.2f}", f"{100 * f.truth.vein:.1f}",
@@ -517,11 +518,11 @@ def _uniaxial(folder: Path, fits: Sequence[Test]) -> str:
     ]  # fmt: skip
     drawn = []
     for t in fits[1:3]:
-        drawn.append(Line(f"{t.title}", 100 * (1 - t.stretch), -t.stress / 1e3, "."))
+        drawn.append(Line(f"{t.title}", 1 - t.stretch, -t.stress, "."))
         fitted = uniaxial.nominal_stress(t.stretch, t.fit.constants)
-        drawn.append(Line("its fit", 100 * (1 - t.stretch), -fitted / 1e3, "-"))
-    labels = ("compression [%]", "nominal stress, compression positive [kPa]")
-    lines({"Mooney-Rivlin, constants of the study": drawn}, labels, folder / "uniaxial.png")
+        drawn.append(Line("its fit", 1 - t.stretch, -fitted, "-"))
+    axes = Shown("compression", "percent"), Shown("nominal stress, compression positive", "kPa")
+    lines({"Mooney-Rivlin, constants of the study": drawn}, axes, folder / "uniaxial.png")
     head = ("synthetic test", "c10, kPa", "c01, kPa", "c11, kPa", "rms, Pa", "correlation of c10 and c01", "told apart")
     return (
         "![uniaxial test](uniaxial.png)\n\n"

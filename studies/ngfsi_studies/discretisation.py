@@ -19,7 +19,7 @@ from ngfsi.report.tables import markdown_table
 from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun, mean_over_steps
 from ngfsi.study import Study, run_study
-from ngfsi.units import from_si
+from ngfsi.units import Shown, from_si, in_unit
 from ngfsi_studies.compare_tissues import LEVELS, MAIN, case, mesh
 
 STEPS = 10
@@ -63,9 +63,9 @@ FAMILIES = (
 FINEST = {"demo": (Family("mixed", 3, (1.2,)), 1.2), "paper": (Family("mixed", 4, (2.0,)), 0.0)}
 """By level: what all are held against, and the smallest size that is computed."""
 
-TITLES = {"area": "error of the lumen's mean area [%]", "sawss": "error of the SAWSS, mean over the ramp [%]"}
-WANTED = {"area": 0.1, "sawss": 1.0}
-"""Errors [%] that the elements of a level of `compare_tissues` should not exceed."""
+TITLES = {"area": "error of the lumen's mean area", "sawss": "error of the SAWSS, mean over the ramp"}
+WANTED = {"area": 1e-3, "sawss": 1e-2}
+"""Relative errors that the elements of a level of `compare_tissues` should not exceed."""
 
 COLUMNS: Mapping[str, Callable[[StoredRun], float]] = {
     "unknowns": lambda run: run.manifest["unknowns"],
@@ -111,7 +111,7 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
             seconds = [results.table[key]["cpu_s"] for key in found]
             lines[name].append(Convergence(family.title, seconds, [errors[key][name] for key in found]))
     panels = {TITLES[name]: drawn for name, drawn in lines.items()}
-    convergence(panels, folder / FIGURE, ("CPU time of a run, one thread [s]", "error [%]"),
+    convergence(panels, folder / FIGURE, (Shown("CPU time of a run, one thread", "s"), Shown("error", "percent")),
                 {TITLES[name]: WANTED[name] for name in TITLES})  # fmt: skip
     path = folder / "report.md"
     replace_file(path, _text(level, results.table, errors, reference).encode())
@@ -123,9 +123,9 @@ def _key(family: Family, size: float) -> str:
 
 
 def errors_of(row: Mapping[str, float], reference: Mapping[str, float]) -> dict[str, float]:
-    """Return by how many percent area and SAWSS of a run are off those of another."""
+    """Return by how much area and SAWSS of a run are off those of another, relative."""
     columns = {"area": "lumen_area_mm2", "sawss": "sawss_Pa"}
-    return {name: 100 * abs(row[column] / reference[column] - 1) for name, column in columns.items()}
+    return {name: abs(row[column] / reference[column] - 1) for name, column in columns.items()}
 
 
 def _text(level: str, table: Mapping[str, Mapping[str, float]], errors: Mapping[str, Mapping[str, float]],
@@ -133,7 +133,7 @@ def _text(level: str, table: Mapping[str, Mapping[str, float]], errors: Mapping[
     head = ("elements", "unknowns", "CPU (s)", "memory (MB)", "area (mm2)", "error (%)", "SAWSS (Pa)", "error (%)")
     rows = []
     for key, row in sorted(table.items(), key=lambda item: item[1]["cpu_s"]):
-        off = [f"{errors[key][name]:.2g}" if key in errors else "" for name in TITLES]
+        off = [f"{from_si(errors[key][name], 'percent'):.2g}" if key in errors else "" for name in TITLES]
         rows.append((key, f"{row['unknowns']:,.0f}", f"{row['cpu_s']:.1f}", f"{row['peak_memory_MB']:.0f}",
                      f"{row['lumen_area_mm2']:.3f}", off[0], f"{row['sawss_Pa']:.5f}", off[1]))  # fmt: skip
     return "\n".join(
@@ -153,7 +153,7 @@ def _text(level: str, table: Mapping[str, Mapping[str, float]], errors: Mapping[
 
 def answer(table: Mapping[str, Mapping[str, float]], errors: Mapping[str, Mapping[str, float]]) -> str:
     """Return a sentence that names the cheapest elements that are good enough."""
-    wanted = f"{WANTED['area']:g} % in area and {WANTED['sawss']:g} % in SAWSS"
+    wanted = f"{in_unit(WANTED['area'], 'percent')} in area and {in_unit(WANTED['sawss'], 'percent')} in SAWSS"
     good = [key for key, found in errors.items() if all(found[name] <= WANTED[name] for name in WANTED)]
     if not good:
         return f"No elements are within {wanted}."

@@ -1,4 +1,5 @@
-"""Figures that one study or another draws of stored runs and of plane sections."""
+"""Figures that one study or another draws of stored runs and of plane sections. What they are given is SI; the axes
+(`Shown`) convert it and say the unit."""
 
 from __future__ import annotations
 
@@ -16,10 +17,12 @@ from numpy.typing import NDArray
 from ngfsi.outlines.outline import polygon_area
 from ngfsi.report.figures import COLOURS, QUIET, new_figure, new_panels
 from ngfsi.store.stored import StoredRun
+from ngfsi.units import Shown, in_unit
 
 Array = NDArray[np.float64]
 
 OVERSHOOT = 1.15
+TIME, X, Y = Shown("time", "s"), Shown("x, lateral", "mm"), Shown("y, anterior", "mm")
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Group:
 def time_series(
     groups: Sequence[Group],
     quantity: Callable[[StoredRun], Array],
-    label: str,
+    shown: Shown,
     path: Path,
     *,
     comparison: tuple[str, Callable[[StoredRun], Array]] | None = None,
@@ -54,24 +57,28 @@ def time_series(
 
     Args:
         groups: what to compare.
-        quantity: values at the times of a run's series, in the unit to be shown.
-        label: of the vertical axis, with the unit.
+        quantity: values at the times of a run's series.
+        shown: the vertical axis.
         path: file to write; its suffix says the format.
         comparison: name and values of a second quantity, dashed in the same colours.
         events: times [s] to be marked, and what happens then.
         values: levels to be marked, and what they are.
     """
     figure, axes = new_figure(7.5, 4.4)
+
+    def drawn(run: StoredRun) -> Array:
+        return shown(quantity(run))
+
     for group in groups:
         times = group.run.series["time_s"]
-        axes.plot(times, quantity(group.run), color=group.colour, marker="o", markersize=2.5, label=group.label)
+        axes.plot(times, drawn(group.run), color=group.colour, marker="o", markersize=2.5, label=group.label)
         if group.run.status != "completed":  # it could not go on from here
-            axes.plot(times[-1:], quantity(group.run)[-1:], color=group.colour, marker="X", markersize=8)
+            axes.plot(times[-1:], drawn(group.run)[-1:], color=group.colour, marker="X", markersize=8)
         if group.band:
-            low, high = _range((group.run, *group.band), quantity, times)
+            low, high = _range((group.run, *group.band), drawn, times)
             axes.fill_between(times, low, high, color=group.colour, alpha=0.2, linewidth=0, label=group.band_label)
         if comparison:
-            axes.plot(times, comparison[1](group.run), color=group.colour, linestyle="--", linewidth=1.1)
+            axes.plot(times, shown(comparison[1](group.run)), color=group.colour, linestyle="--", linewidth=1.1)
     if comparison:
         axes.plot([], [], color=QUIET, linestyle="--", linewidth=1.1, label=comparison[0])
     for time, text in events:
@@ -79,13 +86,13 @@ def time_series(
         axes.annotate(text, (time, 1), (3, -3), xycoords=("data", "axes fraction"), textcoords="offset points",
                       fontsize=8, color=QUIET, va="top")  # fmt: skip
     for level, text in values:
-        axes.axhline(level, color=QUIET, linestyle="-.", linewidth=1)
-        axes.annotate(text, (0, level), (3, 3), xycoords=("axes fraction", "data"), textcoords="offset points",
+        axes.axhline(shown(level), color=QUIET, linestyle="-.", linewidth=1)
+        axes.annotate(text, (0, shown(level)), (3, 3), xycoords=("axes fraction", "data"), textcoords="offset points",
                       fontsize=8, color=QUIET)  # fmt: skip
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(label)
+    axes.set_xlabel(TIME.label)
+    axes.set_ylabel(shown.label)
     axes.margins(x=0.02)
-    _keep_readable(axes, groups, quantity)
+    _keep_readable(axes, groups, drawn)
     _legend_below(figure, axes)
     figure.savefig(path)
 
@@ -103,9 +110,9 @@ def outlines(groups: Sequence[Group], times: tuple[float, float], path: Path) ->
         _outline_panel(panel, group, times)
     _share_frame(panels[: len(groups)])
     for number, panel in enumerate(panels):
-        panel.set_xlabel("x, lateral [mm]")
+        panel.set_xlabel(X.label)
         if number % columns == 0:
-            panel.set_ylabel("y, anterior [mm]")
+            panel.set_ylabel(Y.label)
     figure.savefig(path)
 
 
@@ -119,27 +126,30 @@ def _keep_readable(axes: Axes, groups: Sequence[Group], quantity: Callable[[Stor
         axes.set_ylim(top=OVERSHOOT * highest[True])
 
 
-def stacked_series(panels: Mapping[str, tuple[Array, Mapping[str, Array]]], total: str, label: str, path: Path) -> None:
+def stacked_series(
+    panels: Mapping[str, tuple[Array, Mapping[str, Array]]], total: str, shown: Shown, path: Path
+) -> None:
     """Draw parts over time one on the other, those below zero downwards, with their sum as a line; a panel per title.
 
     Args:
         panels: title -> times [s] and part -> values.
         total: what the sum is.
-        label: of the vertical axis, with the unit.
+        shown: the vertical axis.
         path: file to write; its suffix says the format.
     """
     figure, spaces, _ = new_panels(len(panels), 3, (4.6, 3.8), (0.0, 0.5))
     for panel, (title, (times, parts)) in zip(spaces, panels.items(), strict=False):
         above, below = np.zeros_like(times), np.zeros_like(times)
-        for colour, (part, values) in zip([QUIET, *COLOURS], parts.items(), strict=False):
+        for colour, (part, si) in zip([QUIET, *COLOURS], parts.items(), strict=False):
+            values = shown(si)
             for floor, layer, name in ((above, np.maximum(values, 0), part), (below, np.minimum(values, 0), None)):
                 panel.fill_between(times, floor, floor + layer, color=colour, alpha=0.75, linewidth=0, label=name)
                 floor += layer
         panel.plot(times, above + below, color="black", linewidth=1.6, label=total)
         panel.set_title(title, fontsize=10)
-        panel.set_xlabel("time [s]")
+        panel.set_xlabel(TIME.label)
         panel.margins(x=0)
-    spaces[0].set_ylabel(label)
+    spaces[0].set_ylabel(shown.label)
     low, high = (f(panel.get_ylim()[i] for panel in spaces[: len(panels)]) for i, f in ((0, min), (1, max)))
     for panel in spaces[: len(panels)]:
         panel.set_ylim(low, high)
@@ -149,7 +159,7 @@ def stacked_series(panels: Mapping[str, tuple[Array, Mapping[str, Array]]], tota
 
 @dataclass(frozen=True)
 class FieldMap:
-    """A field on triangles: points (n, 2) in mm, triangles (m, 3), values (n,), outlines (k, 2) in mm to be drawn."""
+    """A field on triangles: points (n, 2), triangles (m, 3), values (n,), outlines (k, 2) to be drawn."""
 
     points: Array
     triangles: NDArray[np.int64]
@@ -157,33 +167,33 @@ class FieldMap:
     outlines: Sequence[Array] = ()
 
 
-def field_maps(panels: Mapping[str, FieldMap], label: str, path: Path, *, limits: tuple[float, float]) -> None:
+def field_maps(panels: Mapping[str, FieldMap], shown: Shown, path: Path, *, limits: tuple[float, float]) -> None:
     """Draw a field over plane sections, a panel per title, with one scale of colours from `limits`."""
     figure, spaces, columns = new_panels(len(panels), 3, (3.6, 3.7), (0.9, 0.0))
     for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
-        grid = Triangulation(drawn.points[:, 0], drawn.points[:, 1], drawn.triangles)
-        shown = panel.tripcolor(grid, drawn.values, shading="gouraud", cmap="cividis",
-                                vmin=limits[0], vmax=limits[1], rasterized=True)  # fmt: skip
+        grid = Triangulation(X(drawn.points[:, 0]), Y(drawn.points[:, 1]), drawn.triangles)
+        colours = panel.tripcolor(grid, shown(drawn.values), shading="gouraud", cmap="cividis",
+                                  vmin=shown(limits[0]), vmax=shown(limits[1]), rasterized=True)  # fmt: skip
         for outline in drawn.outlines:
-            panel.plot(*np.vstack([outline, outline[:1]]).T, color=QUIET, linewidth=0.8, linestyle="--")
+            panel.plot(*_closed(outline), color=QUIET, linewidth=0.8, linestyle="--")
         panel.set_aspect("equal")
         panel.set_title(title, fontsize=10)
-        panel.set_xlabel("x, lateral [mm]")
+        panel.set_xlabel(X.label)
         if number % columns == 0:
-            panel.set_ylabel("y, anterior [mm]")
+            panel.set_ylabel(Y.label)
     _share_frame(spaces[: len(panels)])
-    figure.colorbar(shown, ax=spaces, label=label, shrink=0.7, extend="both")
+    figure.colorbar(colours, ax=spaces, label=shown.label, shrink=0.7, extend="both")
     figure.savefig(path)
 
 
 @dataclass(frozen=True)
 class SkinPressure:
-    """A pressure on the skin: mean over a cycle at points of it, and over time in each chamber, mmHg.
+    """A pressure on the skin: mean over a cycle at points of it, and over time in each chamber, Pa.
 
     Attributes:
-        angles, heights, mean: of the points: around the axis [degrees], mm, mmHg.
+        angles, heights, mean: of the points: around the axis (rad), m, Pa.
         times: s
-        chambers: name -> (times,) mmHg.
+        chambers: name -> (times,) Pa.
     """
 
     angles: Array
@@ -195,22 +205,24 @@ class SkinPressure:
 
 def skin_pressures(panels: Mapping[str, SkinPressure], path: Path) -> None:
     """Draw pressures on the unrolled skin, and below them over time, a column per title, on one scale each."""
+    angle, height, time_in_cycle = Shown("angle", "deg"), Shown("height", "mm"), Shown("time in the cycle", "s")
+    mean, pressure = Shown("mean pressure", "mmHg"), Shown("pressure", "mmHg")
     figure, axes = new_figure(2.5 * len(panels) + 0.8, 5.2, 2, len(panels))
     above, below = np.reshape(axes, (2, -1))
-    most = max(np.max(drawn.mean) for drawn in panels.values())
-    highest = max(np.max(values) for drawn in panels.values() for values in drawn.chambers.values())
+    most = max(mean(np.max(drawn.mean)) for drawn in panels.values())
+    highest = max(pressure(np.max(values)) for drawn in panels.values() for values in drawn.chambers.values())
     for (title, drawn), skin, time in zip(panels.items(), above, below, strict=True):
-        shown = skin.tricontourf(drawn.angles, drawn.heights, drawn.mean, levels=np.linspace(0, most, 13),
-                                 cmap="cividis", extend="both")  # fmt: skip
+        shown = skin.tricontourf(angle(drawn.angles), height(drawn.heights), mean(drawn.mean),
+                                 levels=np.linspace(0, most, 13), cmap="cividis", extend="both")  # fmt: skip
         skin.set_title(title, fontsize=10)
-        skin.set(xlabel="angle [°]", xticks=(-180, -90, 0, 90, 180))
+        skin.set(xlabel=angle.label, xticks=(-180, -90, 0, 90, 180))
         for colour, (name, values) in zip(COLOURS, drawn.chambers.items(), strict=False):
-            time.plot(drawn.times, values, color=colour, label=name)
-        time.set(xlabel="time in the cycle [s]", ylim=(0, 1.05 * highest))
-    above[0].set_ylabel("height [mm]")
-    below[0].set_ylabel("pressure [mmHg]")
+            time.plot(drawn.times, pressure(values), color=colour, label=name)
+        time.set(xlabel=time_in_cycle.label, ylim=(0, 1.05 * highest))
+    above[0].set_ylabel(height.label)
+    below[0].set_ylabel(pressure.label)
     below[0].legend(fontsize=8, frameon=False)
-    figure.colorbar(shown, ax=list(np.ravel(axes)), label="mean pressure [mmHg]", shrink=0.6)
+    figure.colorbar(shown, ax=list(np.ravel(axes)), label=mean.label, shrink=0.6)
     figure.savefig(path)
 
 
@@ -254,18 +266,24 @@ def elementary_effects(panels: Mapping[str, Effects], path: Path) -> None:
 def _outline_panel(panel: Axes, group: Group, times: tuple[float, float]) -> None:
     before, after = (_middle_ring(group.run, time) for time in times)
     for (time, ring), colour in ((before, QUIET), (after, group.colour)):
-        panel.plot(ring[:, 0], ring[:, 1], color=colour, label=f"t = {time:.3g} s: {polygon_area(ring):.1f} mm²")
-    panel.fill(after[1][:, 0], after[1][:, 1], color=group.colour, alpha=0.15, linewidth=0)
+        area = in_unit(polygon_area(ring), "mm2", ".1f")
+        panel.plot(*_closed(ring), color=colour, label=f"t = {in_unit(time, 's', '.3g')}: {area}")
+    panel.fill(*_closed(after[1]), color=group.colour, alpha=0.15, linewidth=0)
     panel.set_aspect("equal")
     panel.set_title(group.label, fontsize=10)
     panel.legend(loc="center", fontsize=8, frameon=False, handlelength=1.2)
 
 
 def _middle_ring(run: StoredRun, time: float) -> tuple[float, Array]:
-    """Return time [s] and closed outline (n, 2) [mm] of the section at mid-length."""
+    """Return time [s] and outline (n, 2) [m] of the section at mid-length."""
     found, rings = run.outlines(time)
-    ring = rings[len(rings) // 2, :, :2] * 1e3
-    return found, np.vstack([ring, ring[:1]])
+    return found, rings[len(rings) // 2, :, :2]
+
+
+def _closed(outline: Array) -> tuple[Array, Array]:
+    """Return what is drawn over x and y of an outline (n, 2) [m]."""
+    x, y = np.vstack([outline, outline[:1]]).T
+    return X(x), Y(y)
 
 
 def _share_frame(panels: Sequence[Axes]) -> None:
@@ -300,19 +318,22 @@ class Line:
 
 
 def lines(
-    panels: Mapping[str, Sequence[Line]], labels: tuple[str, str], path: Path, *, ticks: Sequence[str] = (),
+    panels: Mapping[str, Sequence[Line]], shown: tuple[Shown, Shown], path: Path, *, ticks: Sequence[str] = (),
     log: tuple[bool, bool] = (False, False),
 ) -> None:  # fmt: skip
-    """Draw values over others, a panel per title; labels of both axes carry the units.
+    """Draw values over others, a panel per title.
 
     Args:
+        shown: the axes (x, y).
         ticks: names of 0, 1, ... on the axis of x.
         log: whether the axes (x, y) are logarithmic.
     """
     figure, spaces, columns = new_panels(len(panels), 2, (5.2, 4.0), (0.0, 0.0))
     for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
         for colour, line in zip(COLOURS, drawn, strict=False):
-            panel.errorbar(line.x, line.y, yerr=line.spread, fmt=line.style, color=colour, markersize=4,
+            x, y = (axis(np.asarray(values)) for axis, values in zip(shown, (line.x, line.y), strict=True))
+            spread = None if line.spread is None else shown[1](np.asarray(line.spread))
+            panel.errorbar(x, y, yerr=spread, fmt=line.style, color=colour, markersize=4,
                            linewidth=1.2, capsize=3, label=line.label)  # fmt: skip
         panel.set_title(title, fontsize=10)
         for name, axis in (
@@ -322,9 +343,9 @@ def lines(
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())
-        panel.set_xlabel(labels[0])
+        panel.set_xlabel(shown[0].label)
         if number % columns == 0:
-            panel.set_ylabel(labels[1])
+            panel.set_ylabel(shown[1].label)
         if ticks:
             panel.set_xticks(range(len(ticks)), ticks, rotation=25, ha="right")
         panel.legend(fontsize=8, frameon=False)

@@ -26,7 +26,7 @@ from ngfsi.report.tables import markdown_table
 from ngfsi.store.disk import replace_file
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
-from ngfsi.units import from_si
+from ngfsi.units import Shown, from_si, in_unit, to_si
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.source import claims, inferred_flow, tables
@@ -172,10 +172,8 @@ def _answer(found: Mapping[Point, Finding]) -> str:
         for lumen in LUMENS:
             flows, rises = _curve(found, tissue, lumen)
             needed = flow_for(flows, rises, printed[tissue]) if len(flows) > 1 else None
-            shown = (
-                f"reached at {from_si(needed, 'ml_s'):.2g} ml/s" if needed else _out_of_reach(rises, printed[tissue])
-            )
-            said.append(f"  - lumen {from_si(lumen, 'mm'):g} mm, {printed[tissue]:g} %: {shown}.")
+            shown = f"reached at {in_unit(needed, 'ml_s', '.2g')}" if needed else _out_of_reach(rises, printed[tissue])
+            said.append(f"  - lumen {in_unit(lumen, 'mm')}, {printed[tissue]:g} %: {shown}.")
         lines_of += said
     return "\n".join([*lines_of, *_coupling(found)]) + "\n"
 
@@ -191,7 +189,7 @@ def _coupling(found: Mapping[Point, Finding]) -> list[str]:
         return []
     worst = max(gaps, key=lambda point: gaps[point])
     rise = found[Point(worst.tissue, worst.lumen, worst.flow)].mean_rise
-    where = f"{worst.tissue}, {from_si(worst.lumen, 'mm'):g} mm, {from_si(worst.flow, 'ml_s'):g} ml/s"
+    where = f"{worst.tissue}, {in_unit(worst.lumen, 'mm')}, {in_unit(worst.flow, 'ml_s')}"
     return [
         f"- **One-way coupling** changes the mean rise by {gaps[worst]:.2g} percentage points at most ({where}, where "
         f"two-way coupling gives {rise:.0f} %)."
@@ -240,13 +238,14 @@ def _draw(found: Mapping[Point, Finding], folder: Path) -> None:
         for coupling, style in (("two_way", "o-"), ("one_way", "s")):
             for lumen in LUMENS:
                 flows, rises = _curve(found, tissue, lumen, coupling)  # type: ignore[arg-type]
-                label = f"{from_si(lumen, 'mm'):g} mm, {coupling.replace('_', '-')}"
+                label = f"{in_unit(lumen, 'mm')}, {coupling.replace('_', '-')}"
                 if flows:
-                    drawn.append(Line(label, [from_si(flow, "ml_s") for flow in flows], rises, style))
-        ends = [from_si(flow, "ml_s") for flow in (FLOWS[0], FLOWS[-1])]
-        drawn.append(Line(f"printed, {printed[tissue]:g} %", ends, [printed[tissue]] * 2, ":"))
+                    drawn.append(Line(label, flows, [to_si(rise, "percent") for rise in rises], style))
+        wanted = to_si(printed[tissue], "percent")
+        drawn.append(Line(f"printed, {in_unit(wanted, 'percent')}", [FLOWS[0], FLOWS[-1]], [wanted] * 2, ":"))
         panels[f"{tissue} tissue"] = drawn
-    lines(panels, ("inflow [ml/s]", "rise of SAWSS [% of t = 0]"), folder / "rise.png", log=(True, True))
+    rise = Shown("rise of SAWSS", "percent", "of t = 0")
+    lines(panels, (Shown("inflow", "ml_s"), rise), folder / "rise.png", log=(True, True))
     chosen = {
         f"{from_si(point.flow, 'ml_s'):g}": finding
         for point, finding in found.items()
@@ -255,8 +254,8 @@ def _draw(found: Mapping[Point, Finding], folder: Path) -> None:
     parts: dict[str, dict[str, float]] = {cause: {} for cause in STAGES}
     for name, finding in chosen.items():
         for cause in parts:
-            parts[cause][name] = 100 * finding.ramp_end.parts[cause] / finding.start_sawss
-    stacked_bars(parts, "rise of SAWSS [% of t = 0]", folder / "causes.png")
+            parts[cause][name] = finding.ramp_end.parts[cause] / finding.start_sawss
+    stacked_bars(parts, rise, folder / "causes.png")
 
 
 def _table(found: Mapping[Point, Finding]) -> str:
@@ -279,7 +278,7 @@ def _errors(found: Mapping[Point, Finding]) -> str:
     rows: list[tuple[str, ...]] = []
     for point, finer in found.items():
         if point.finer and (coarse := found.get(Point(point.tissue, point.lumen, point.flow))):
-            where = f"{point.tissue}, {from_si(point.lumen, 'mm'):g} mm, {from_si(point.flow, 'ml_s'):g} ml/s"
+            where = f"{point.tissue}, {in_unit(point.lumen, 'mm')}, {in_unit(point.flow, 'ml_s')}"
             pairs = {
                 "loss %": [100 * one.ramp_end.loss for one in (finer, coarse)],
                 "mean SAWSS over that at t = 0": [1 + one.mean_rise / 100 for one in (finer, coarse)],

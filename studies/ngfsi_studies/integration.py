@@ -17,6 +17,7 @@ from ngfsi.report.tables import markdown_table
 from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import Columns, mean_over_steps
 from ngfsi.study import Study, run_study
+from ngfsi.units import Shown
 from ngfsi_studies.discretisation import COLUMNS, Family, ramp
 
 FAMILIES = {
@@ -78,7 +79,7 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
         for name, drawn in lines.items():
             drawn.append(Convergence(family.title, seconds, [found[key][name] for key in keys[:-1]]))
     convergence({TITLES[name]: drawn for name, drawn in lines.items()}, folder / FIGURE,
-                ("CPU time of a run, one thread [s]", "relative change [1]"),
+                (Shown("CPU time of a run, one thread", "s"), Shown("relative change", "1")),
                 {TITLES[name]: WANTED[name] for name in TITLES})  # fmt: skip
     path = folder / "report.md"
     replace_file(path, _text(level, results.table, found).encode())

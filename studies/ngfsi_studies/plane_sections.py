@@ -27,7 +27,7 @@ from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import Columns, StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
-from ngfsi.units import from_si, to_si
+from ngfsi.units import Shown, from_si, to_si
 from ngfsi_studies.figures import FieldMap, Line, field_maps, lines
 from ngfsi_studies.source import tables
 
@@ -64,6 +64,7 @@ SMALLEST_STEP = 1 / 64
 """Seconds, and fraction of the loads: where smaller steps fail, too, the equilibrium is taken to end."""
 RING, FINER = 200, 2
 """For pictures: points of an outline, and how often a curved triangle is halved."""
+SKIN = Shown("pressure on the skin, blood in proportion", "mmHg")
 
 
 @dataclass(frozen=True)
@@ -390,6 +391,7 @@ def _strains(findings: Sequence[Finding]) -> str:
 
 def _softness(folder: Path, findings: Sequence[Finding]) -> str:
     load, rows = PRINTED["skin_pressure_mmHg"], []
+    whole = to_si(load, "mmHg")
     finite = [f for f in findings if f.strain == "finite" and f.softest]
     for f in finite:
         lumen, stiffness = subject(f.subject).veins[0].lumen, f.softest["softest_stiffness_1"]
@@ -406,14 +408,13 @@ def _softness(folder: Path, findings: Sequence[Finding]) -> str:
         ))  # fmt: skip
     panels = {
         f"model {model}": [
-            Line(f"subject {f.subject}", load * f.softest["time_s"], f.softest["softest_stiffness_1"], "o-")
+            Line(f"subject {f.subject}", whole * f.softest["time_s"], f.softest["softest_stiffness_1"])
             for f in finite
             if f.model == model
         ]
         for model in MODELS
     }
-    labels = ("pressure on the skin [mmHg], blood in proportion", "stiffness of the softest motion over shear [1]")
-    lines(panels, labels, folder / "softest.png")
+    lines(panels, (SKIN, Shown("stiffness of the softest motion over shear", "1")), folder / "softest.png")
     head = ("subject, model", "converged up to, mmHg", "vein loses there, %", "at full load, order k / k - 1, %",
             "softest motion, stiffness over that at the first load", "its place, vein radii from the axis")  # fmt: skip
     positive = min(f.softest["softest_stiffness_1"].min() for f in finite) > 0
@@ -463,13 +464,13 @@ def _meaning() -> str:
 
 
 def _paths(folder: Path, findings: Sequence[Finding]) -> str:
-    load = PRINTED["skin_pressure_mmHg"]
+    load = to_si(PRINTED["skin_pressure_mmHg"], "mmHg")
     panels = {
         f"model {model}": [
             Line(
                 f"subject {f.subject}, {f.strain} strain",
                 [0.0, *(load * load_factor for load_factor, _ in f.path)],
-                [0.0, *(100 * vein for _, vein in f.path)],
+                [0.0, *(vein for _, vein in f.path)],
                 "o-" if f.strain == "finite" else "s--",
             )
             for f in findings
@@ -477,9 +478,7 @@ def _paths(folder: Path, findings: Sequence[Finding]) -> str:
         ]
         for model in MODELS
     }
-    lines(
-        panels, ("pressure on the skin [mmHg], blood in proportion", "loss of the vein's area [%]"), folder / "load.png"
-    )
+    lines(panels, (SKIN, Shown("loss of the vein's area", "percent")), folder / "load.png")
     return "![loss of area over the load](load.png)\n\nLoss of the vein's area over the load."
 
 
@@ -487,10 +486,10 @@ def _figures(folder: Path, findings: Sequence[Finding]) -> list[str]:
     first = min(f.subject for f in findings)
     drawn = [f for f in findings if f.subject == first and f.run]
     pictures, geometry = [_paths(folder, findings)], subject(first)
-    rest = [1e3 * outline.resampled(RING) for outline in (geometry.skin, geometry.veins[0].lumen)]
-    kinds: dict[str, tuple[str, float, Callable[[Any], NDArray[np.float64]], tuple[float, float]]] = {
-        "displacement": ("displacement [mm]", 1e3, lambda d: np.linalg.norm(d["displacement_m"], axis=1), (0.0, 12.0)),
-        "pressure": ("hydrostatic pressure [kPa]", 1e-3, lambda d: d["hydrostatic_pressure_Pa"], (0.0, 8.0)),
+    rest = [outline.resampled(RING) for outline in (geometry.skin, geometry.veins[0].lumen)]
+    kinds: dict[str, tuple[Shown, Callable[[Any], NDArray[np.float64]], float]] = {
+        "displacement": (Shown("displacement", "mm"), lambda d: np.linalg.norm(d["displacement_m"], axis=1), 12e-3),
+        "pressure": (Shown("hydrostatic pressure", "kPa"), lambda d: d["hydrostatic_pressure_Pa"], 8e3),
     }
     surfaces = {
         f"{f.model}, {f.strain} strain": f.run.fields(f.path[-1][0]).extract_surface(
@@ -499,11 +498,13 @@ def _figures(folder: Path, findings: Sequence[Finding]) -> list[str]:
         for f in drawn
         if f.run
     }
-    for name, (label, factor, value, limits) in kinds.items():
+    for name, (shown, value, most) in kinds.items():
         panels = {
-            title: FieldMap(1e3 * seen.points[:, :2], seen.regular_faces, factor * value(seen.point_data), rest)
+            title: FieldMap(seen.points[:, :2], seen.regular_faces, value(seen.point_data), rest)
             for title, seen in surfaces.items()
         }
-        field_maps(panels, label, folder / f"{name}.png", limits=limits)
-        pictures.append(f"![{label}]({name}.png)\n\nSubject {first}: {label}; dashed: skin and lumen at rest.")
+        field_maps(panels, shown, folder / f"{name}.png", limits=(0.0, most))
+        pictures.append(
+            f"![{shown.name}]({name}.png)\n\nSubject {first}: {shown.name}; dashed: skin and lumen at rest."
+        )
     return pictures

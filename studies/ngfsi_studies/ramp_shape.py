@@ -23,7 +23,7 @@ from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
-from ngfsi.units import MMHG, SAME_TIME
+from ngfsi.units import MMHG, SAME_TIME, Shown, in_unit
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.source import claims
@@ -219,9 +219,9 @@ def _draw(found: Mapping[Point, Finding], folder: Path) -> None:
     panels: dict[str, list[Line]] = {}
     for point, finding in found.items():
         series = finding.run.series
-        label = f"{point.shape}, {1e3 * finding.run.case.time.step:g} ms"
+        label = f"{point.shape}, {in_unit(finding.run.case.time.step, 'ms')}"
         style = "-" if not point.halved else ":"
         panels.setdefault(f"{point.tissue} tissue", []).append(
             Line(label, series["time_s"], series["sawss_Pa"] / series["sawss_Pa"][0], style)
         )
-    lines(panels, ("time [s]", "SAWSS over that at t = 0 [1]"), folder / "rise.png")
+    lines(panels, (Shown("time", "s"), Shown("SAWSS over that at t = 0", "1")), folder / "rise.png")

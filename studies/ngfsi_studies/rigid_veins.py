@@ -29,7 +29,7 @@ from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
-from ngfsi.units import SAME_TIME, to_si
+from ngfsi.units import SAME_TIME, Shown, to_si
 from ngfsi_studies.figures import Line, lines
 from ngfsi_studies.source import tables
 
@@ -468,8 +468,8 @@ def _axial(folder: Path, found: Sequence[Finding]) -> str:
         ]
         for state in ("before", *SHAPES)
     }
-    labels = ("mean velocity over its mean along the vein [1]", "wall shear stress over its mean [1]")
-    lines({state: drawn for state, drawn in panels.items() if drawn}, labels, folder / "axial.png")
+    axes = Shown("mean velocity over its mean along the vein", "1"), Shown("wall shear stress over its mean", "1")
+    lines({state: drawn for state, drawn in panels.items() if drawn}, axes, folder / "axial.png")
     values = ", ".join(
         f"{correlation(chosen):.3f} {state}"
         for state in ("before", *SHAPES)
@@ -489,7 +489,7 @@ def _cycles(folder: Path, found: Sequence[Finding], breaths: Outcome) -> str:
     cycles = over_cycles(breaths.run)
     lines(
         {"mean over the wall, last cycle": [Line(f"subject {PULSATILE}", cycles.times, cycles.mean_shear)]},
-        ("time in the cycle [s]", "wall shear stress [Pa]"),
+        (Shown("time in the cycle", "s"), Shown("wall shear stress", "Pa")),
         folder / "cycle.png",
     )
     tawss, osi = (cycles.wall.point_data[name] for name in ("TAWSS_Pa", "OSI_1"))

@@ -32,7 +32,7 @@ from ngfsi.store.table import write_rows
 from ngfsi.study import Results, Study, run_study
 from ngfsi.study.design import Design, sobol
 from ngfsi.study.surrogate import Surrogate
-from ngfsi.units import MMHG, from_si, to_si
+from ngfsi.units import MMHG, Shown, from_si, in_unit, to_si
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, SkinPressure, lines, skin_pressures
 from ngfsi_studies.source import inferred_flow
@@ -330,11 +330,11 @@ def _skin(profile: Profile, level: compare_tissues.Level) -> SkinPressure:
     middles = [(number + 0.5) * height / CHAMBERS for number in range(CHAMBERS)]
     chambers = [[sum(c.pressure(t) for c in cuffs if c.start < z0 < c.end) for t in times] for z0 in middles]
     return SkinPressure(
-        angles=np.degrees(np.arctan2(y, x)),
-        heights=1e3 * z,
-        mean=np.asarray(mean(at)).ravel() / MMHG,
+        angles=np.arctan2(y, x),
+        heights=z,
+        mean=np.asarray(mean(at)).ravel(),
         times=times,
-        chambers=dict(zip(("distal", "middle", "proximal"), np.array(chambers) / MMHG, strict=True)),
+        chambers=dict(zip(("distal", "middle", "proximal"), np.array(chambers), strict=True)),
     )
 
 
@@ -343,16 +343,15 @@ def _draw(found: Found, folder: Path) -> None:
     compared = {key: found.compared[key] for key in found.ranked()}
     skin_pressures({key: _skin(p, found.level.runs) for key, p in compared.items()}, folder / "profiles.png")
     runs = {key: run for key in compared if (run := found.fine.outcomes[key].run)}
-    z = np.linspace(0, 1e3 * next(iter(runs.values())).case.geometry.length, STATIONS)
+    z = np.linspace(0, next(iter(runs.values())).case.geometry.length, STATIONS)
     lines({"mean over the last cycle": [Line(key, z, over_cycle(run)) for key, run in runs.items()]},
-          ("height along the vein, from the inlet [mm]", "wall shear stress around the section [Pa]"),
+          (Shown("height along the vein, from the inlet", "mm"), Shown("wall shear stress around the section", "Pa")),
           folder / "along.png")  # fmt: skip
     outflow = []
     for key, run in runs.items():
         times, outflows = _last_cycle(run, "flow_out_m3_s")
-        flow = np.array([from_si(value, "ml_s") for value in outflows[:, 0]])
-        outflow.append(Line(key, times - times[0], flow, "-"))
-    lines({"last cycle": outflow}, ("time in the cycle [s]", "outflow [ml/s]"), folder / "outflow.png")
+        outflow.append(Line(key, times - times[0], outflows[:, 0], "-"))
+    lines({"last cycle": outflow}, (Shown("time in the cycle", "s"), Shown("outflow", "ml_s")), folder / "outflow.png")
     _draw_surrogate(found, folder)
 
 
@@ -368,8 +367,8 @@ def _draw_surrogate(found: Found, folder: Path) -> None:
     if new:
         x, y, spread = np.array(new).T
         drawn.append(Line("profiles compared, not in the design", x, y, "s", 2 * spread))
-    lines({"least TAWSS, coarse mesh": drawn}, ("computed [Pa]", "surrogate, ± 2 standard deviations [Pa]"),
-          folder / "surrogate.png")  # fmt: skip
+    axes = Shown("computed", "Pa"), Shown("surrogate, ± 2 standard deviations", "Pa")
+    lines({"least TAWSS, coarse mesh": drawn}, axes, folder / "surrogate.png")
     keys = found.ranked()
     places = np.arange(len(keys), dtype=float)
     said_of = np.array([found.predicted(key) for key in keys])
@@ -378,7 +377,7 @@ def _draw_surrogate(found: Found, folder: Path) -> None:
         Line("coarse mesh", places, [found.coarse.table.get(key, {}).get(RESULT, np.nan) for key in keys], "o"),
         Line("surrogate, ± 2 standard deviations", places, said_of[:, 0], "s", 2 * said_of[:, 1]),
     ]
-    lines({"": ranks}, ("", "least TAWSS [Pa]"), folder / "ranking.png", ticks=keys)
+    lines({"": ranks}, (Shown("", "1"), Shown("least TAWSS", "Pa")), folder / "ranking.png", ticks=keys)
 
 
 def _answer(found: Found) -> str:
@@ -400,7 +399,7 @@ def _answer(found: Found) -> str:
         least = min(found.value(key, "least_outflow_m3_s") for key in reversed_)
         text += (
             f"Blood comes back through the outlet while the vein refills under {', '.join(reversed_)}: "
-            f"{from_si(least, 'ml_s'):.2f} ml/s at worst. "
+            f"{in_unit(least, 'ml_s', '.2f')} at worst. "
         )
     return text
 
@@ -416,7 +415,7 @@ def _text(level: str, found: Found, results: Results) -> str:
             f"# Pressure profiles of a stocking, level `{level}`\n",
             _answer(found) + "\n",
             _table(found),
-            f"Mean pressure over skin and cycle: {from_si(BOUND, 'mmHg'):g} mmHg in all of them: what is bounded is "
+            f"Mean pressure over skin and cycle: {in_unit(BOUND, 'mmHg')} in all of them: what is bounded is "
             "used up. TAWSS is the wall shear stress averaged around one of "
             f"{STATIONS} sections of the vein and over a cycle of {PERIOD:g} s (the last of {CYCLES}); the least of "
             "them is what is to be large. `least at any time` is the least without the average over time: it ranks "

@@ -10,7 +10,7 @@ from ngfsi.analysis.decomposition import decompose
 from ngfsi.report.figures import COLOURS
 from ngfsi.report.render import displacement_picture, wall_shear_picture
 from ngfsi.store.stored import StoredRun
-from ngfsi.units import from_si
+from ngfsi.units import Shown, in_unit, to_si
 from ngfsi_studies.figures import Group, outlines, stacked_series, time_series
 from ngfsi_studies.source import claims
 from ngfsi_studies.tissue_findings import Finding
@@ -18,6 +18,8 @@ from ngfsi_studies.tissue_findings import Finding
 GROUPS = {"m_s1": ("m_s2", "m_s3", "m_s4"), "n_likely": (), "m_tenth": (), "n_printed": (), "m_s1_8mm": (),
           "n_likely_8mm": ()}  # fmt: skip
 """Variant drawn as a line -> variants whose range is shaded around it."""
+
+SAWSS = Shown("SAWSS", "Pa")
 
 Files = dict[str, tuple[str, Path | str]]
 
@@ -45,16 +47,17 @@ def _series(findings: Mapping[str, Finding], groups: list[Group], folder: Path) 
     failed = any(finding.failure for finding in findings.values())
     cross = " A cross marks where a run could not go on; it may lie outside of the frame." if failed else ""
     area, ratio = folder / "area.png", folder / "sawss_ratio.png"
-    printed = [(100 - claims()["volume_reduction_percent"][name], f"{name} as printed") for name in ("M", "N")]
-    time_series(groups, _relative("lumen_area_mean_m2", 100), "mean lumen area [% of that at t = 0]", area,
+    losses = claims()["volume_reduction_percent"]
+    printed = [(1 - to_si(losses[name], "percent"), f"{name} as printed") for name in ("M", "N")]
+    time_series(groups, _relative("lumen_area_mean_m2"), Shown("mean lumen area", "percent", "of that at t = 0"), area,
                 events=events, values=printed)  # fmt: skip
-    time_series(groups, _relative("sawss_Pa"), "SAWSS / SAWSS at t = 0", ratio, events=events)
+    time_series(groups, _relative("sawss_Pa"), Shown("SAWSS / SAWSS at t = 0", "1"), ratio, events=events)
     files: Files = {"Area of the lumen": (f"Lumen volume over length of the segment.{cross}", area)}
     for lumen in dict.fromkeys(group.run.case.geometry.lumen_diameter for group in groups):
-        size = f"{from_si(lumen, 'mm'):g} mm"
+        size = in_unit(lumen, "mm")
         same = [group for group in groups if group.run.case.geometry.lumen_diameter == lumen]
         path = folder / f"sawss_{size.replace(' ', '')}.png"
-        time_series(same, lambda run: run.series["sawss_Pa"], "SAWSS [Pa]", path, events=events,
+        time_series(same, lambda run: run.series["sawss_Pa"], SAWSS, path, events=events,
                     comparison=("developed flow of the same local area and flow rate", _developed))  # fmt: skip
         files[f"Wall shear stress, lumen {size}"] = (
             "Solid: computed. Dashed: what developed (Poiseuille) flow would exert with the same local area and flow "
@@ -65,7 +68,7 @@ def _series(findings: Mapping[str, Finding], groups: list[Group], folder: Path) 
     whole = {f.title: f.run for key, f in findings.items() if key in ("m_s1", "n_likely")}
     if whole:
         stacked_series({title: (run.series["time_s"], decompose(run.series)) for title, run in whole.items()},
-                       "computed", "SAWSS [Pa]", causes)  # fmt: skip
+                       "computed", SAWSS, causes)  # fmt: skip
         files["Why the wall shear stress rises"] = (
             "SAWSS since t = 0 by cause: narrower sections, the blood that the vein expels itself, sections that are "
             "no circles, and the velocity profile; they sum to the computed value.",
@@ -101,5 +104,5 @@ def _picture(caption: str, path: Path, failure: str) -> tuple[str, Path | str]:
     return ("", failure) if failure else (caption, path)
 
 
-def _relative(column: str, factor: float = 1.0) -> Any:
-    return lambda run: factor * run.series[column] / run.series[column][0]
+def _relative(column: str) -> Any:
+    return lambda run: run.series[column] / run.series[column][0]

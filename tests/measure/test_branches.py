@@ -24,6 +24,7 @@ from ngfsi.report.shapes import unroll
 from ngfsi.run import run
 from ngfsi.store.stored import StoredRun
 from ngfsi.system.system import System
+from ngfsi.units import Shown
 from tests.lumens import Tubes
 from tests.runs import row
 from tests.vein import BLOOD, domain_of, probe_of
@@ -143,7 +144,7 @@ def test_the_wall_of_each_branch_is_unrolled_by_itself(stored: StoredRun) -> Non
     assert (straight & aside)[z < -2 * RADIUS].all()
     assert (straight & ~aside)[z > 2 * RADIUS].all()
     assert (aside & ~straight)[x > 2 * RADIUS].all()
-    means = [shear[positions > 26.0].mean() for _, positions, shear in map(unroll, views)]
+    means = [shear[positions > 26e-3].mean() for _, positions, shear in map(unroll, views)]
     walls = [last(stored, f"wss{branch}", "Pa")[9] for branch in ("", "_outlet_2")]
     assert means == pytest.approx(walls, rel=0.05)
     assert walls[1] < 0.7 * walls[0]
@@ -160,8 +161,8 @@ def test_the_report_shows_each_branch(stored: StoredRun, tmp_path: Path) -> None
         assert f"{title}, outlet_2" in headings
     assert {"Volume of the lumen", "Wall shear stress, mean", "Flow balance"} <= {*headings}
     assert not {"Why it rises", "Area of the lumen", "Wall shear stress", "Tube law"} & {*headings}
-    drawn = charts.along_vein({"tee": stored.of_branch("outlet_2")}, "flow", "m3_s", 1e6, "flow [ml/s]").data[-1]
-    assert np.array_equal(drawn.y, 1e6 * last(stored, "flow_outlet_2", "m3_s"), equal_nan=True)
+    drawn = charts.along_vein({"tee": stored.of_branch("outlet_2")}, "flow", Shown("flow", "ml_s")).data[-1]
+    np.testing.assert_allclose(drawn.y, 1e6 * last(stored, "flow_outlet_2", "m3_s"), rtol=1e-12)
     assert drawn.x[-1] == pytest.approx(32.0, rel=0.02)
     with pytest.raises(OutputError, match="is branched: tube laws are of vessels with one inlet"):
         tube_laws(stored)

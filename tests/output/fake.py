@@ -41,8 +41,10 @@ def domain() -> Domain:
     return Domain.build(GEOMETRY)
 
 
-def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str = "completed") -> StoredRun:
-    """Store a run whose lumen loses the share `loss` of its area during the ramp."""
+def fake_run(
+    path: Path, case: Case = CASE, *, loss: float = 0.25, status: str = "completed", **further: ng.CF
+) -> StoredRun:
+    """Store a run whose lumen loses the share `loss` of its area during the ramp, with `further` fields."""
     folder = RunFolder.create(path, case)
     folder.update_manifest(
         reference={"lumen_volume_m3": unloaded_area() * GEOMETRY.length},
@@ -53,7 +55,7 @@ def fake_run(path: Path, case: Case = CASE, *, loss: float = 0.25, status: str =
     )
     displacement = ng.GridFunction(ng.VectorH1(domain().mesh, order=2))
     writer = FieldWriter(path, domain(), {"displacement_m": displacement, "pressure_Pa": ng.CF(1333.0),
-                                            "hydrostatic_pressure_Pa": 1e5 * ng.x})  # fmt: skip
+                                            "hydrostatic_pressure_Pa": 1e5 * ng.x, **further})  # fmt: skip
     for number, time in enumerate(np.arange(0, case.time.end + 1e-9, case.time.step)):
         stretch = np.sqrt(INFLATION * (1 - loss * min(time, 1.0)))
         folder.append("series", _row(case, time, stretch))

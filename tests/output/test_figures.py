@@ -26,6 +26,7 @@ from ngfsi.outlines.outline import polygon_area
 from ngfsi.report import figures
 from ngfsi.report.figures import COLOURS, Convergence, convergence, results_over_inputs
 from ngfsi.store.stored import StoredRun
+from ngfsi.units import MMHG, Shown
 
 
 @pytest.fixture
@@ -63,7 +64,7 @@ def test_time_series(stored: StoredRun, tmp_path: Path, drawn: list[Figure]) -> 
     time_series(
         groups,
         lambda run: run.series["sawss_Pa"],
-        "SAWSS [Pa]",
+        Shown("SAWSS", "Pa"),
         path,
         comparison=("developed", lambda run: run.series["sawss_poiseuille_local_Pa"]),
         events=[(1.0, "full pressure")],
@@ -143,12 +144,15 @@ def test_results_over_inputs(tmp_path: Path, drawn: list[Figure]) -> None:
 def test_skin_pressures(tmp_path: Path, drawn: list[Figure]) -> None:
     angles, heights = (part.ravel() for part in np.meshgrid(np.linspace(-180, 180, 9), np.linspace(0, 120, 5)))
     times = np.linspace(0, 2, 5)
-    pressure = SkinPressure(angles, heights, 10 + heights / 12, times, {"distal": 20 + times, "proximal": 5 * times})
+    chambers = {"distal": MMHG * (20 + times), "proximal": 5 * MMHG * times}
+    pressure = SkinPressure(np.radians(angles), 1e-3 * heights, MMHG * (10 + heights / 12), times, chambers)
     skin_pressures({"graduated": pressure, "other": pressure}, tmp_path / "skin.png")
     above, _, below, _, scale = drawn[0].axes
     assert (above.get_title(), above.get_ylabel(), below.get_ylabel()) == (
         "graduated", "height [mm]", "pressure [mmHg]"
     )  # fmt: skip
-    assert [list(line.get_ydata()) for line in below.get_lines()] == [list(20 + times), list(5 * times)]
+    np.testing.assert_allclose([line.get_ydata() for line in below.get_lines()], [20 + times, 5 * times])
+    assert (above.get_xlabel(), below.get_xlabel()) == ("angle [deg]", "time in the cycle [s]")
+    assert above.dataLim.extents == pytest.approx([-180, 0, 180, 120])
     assert scale.get_ylabel() == "mean pressure [mmHg]"
     assert scale.get_ylim()[1] == pytest.approx(20)
