@@ -1,0 +1,335 @@
+"""Why do veins of legs lose more than half of their area under a stocking, and the round vein of the source a fifth?
+
+The calf of `compare_tissues` with a vein of the same area that is oval, one factor changed at a time: under 25 mmHg
+that rise smoothly in 1 s with constant flow, and at rest under pressures that close it, fed by a pressure behind a
+resistance so that closing stops the flow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ngfsi.case import Case
+from ngfsi.conditions import ContactModel
+from ngfsi.config.functions import PressureConstant, PressureSmoothRamp, PressureTable
+from ngfsi.materials import CompressibleNeoHookean, load_set
+from ngfsi.report.tables import markdown_table
+from ngfsi.report.terminal import console
+from ngfsi.store.disk import replace_file
+from ngfsi.store.stored import StoredRun
+from ngfsi.store.table import write_rows
+from ngfsi.study import Outcome, run_cases
+from ngfsi.units import MMHG, Shown, from_si
+from ngfsi_studies import compare_tissues
+from ngfsi_studies.figures import Group, Line, lines, outlines
+from ngfsi_studies.source import tables
+
+Array = NDArray[np.float64]
+
+FULL = 25 * MMHG
+"""Pressure on the skin (Pa) of the rise."""
+RATIO = 3.2
+"""Of the oval vein's axes, as on the source study's images of a leg."""
+WALL = CompressibleNeoHookean(young=133e3, poisson=0.49, density=1060.0)
+"""The source's constants with a law that resists compression without bound."""
+FLOW = 2.913e-6
+"""Of the blood at rest (m3/s)."""
+CAPILLARIES = 15 * MMHG
+"""By how much the pressure behind the resistance that feeds the vein exceeds that of its outlet (Pa)."""
+CLOSED = 0.1
+"""Fraction of the area at rest below which a vein counts as closed."""
+
+
+class Level(NamedTuple):
+    """How finely to compute: mesh and order of the level of compare_tissues.py, that of the finer one, step (s) of the
+    rise and of the pressure at rest (Pa)."""
+
+    mesh: compare_tissues.Level
+    finer: compare_tissues.Level
+    step: float
+    pressure_step: float
+
+
+_DEMO, _PAPER = (compare_tissues.LEVELS[name] for name in ("demo", "paper"))
+LEVELS = {
+    "demo": Level(compare_tissues.COARSE, _DEMO, 0.05, 5 * MMHG),
+    "paper": Level(_DEMO, _PAPER, 0.05, 5 * MMHG),
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """A vein: what is special about it, and the changes of the case; `closes`: the pressure at rest (Pa) to which it is
+    to be closed; `numerical`: the same vein computed otherwise."""
+
+    title: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    closes: float = 0.0
+    numerical: bool = False
+
+
+def _blood(mmhg: float) -> dict[str, Any]:
+    return {"loads.outlet_pressure": PressureConstant(value=mmhg * MMHG)}
+
+
+BASE = "oval"
+POINTS = {
+    BASE: Point("3.2 : 1", closes=60),
+    "round": Point("round", {"geometry.aspect_ratio": 1.0}, closes=60),
+    "ratio_2": Point("2.25 : 1", {"geometry.aspect_ratio": 2.25}, closes=60),
+    "ratio_4": Point("4.5 : 1", {"geometry.aspect_ratio": 4.5}),
+    "turned": Point("turned by 90 degrees", {"geometry.oval_direction": np.pi / 2}),
+    "blood_5": Point("blood at 5 mmHg", _blood(5), closes=60),
+    "blood_15": Point("blood at 15 mmHg", _blood(15), closes=60),
+    "wall_soft": Point("wall half as stiff", {"materials.wall": WALL.replace(young=66.5e3)}),
+    "wall_stiff": Point("wall twice as stiff", {"materials.wall": WALL.replace(young=266e3)}),
+    "wall_thin": Point("wall of 0.5 mm", {"geometry.wall_thickness": 0.5e-3}),
+    "tissue_stiff": Point("M with K 82 kPa", {"materials.tissue": load_set("mooney_rivlin_s1").replace(K=82e3)}),
+    "tissue_n": Point("N, likely constants", {"materials.tissue": load_set("neo_hookean_likely")}),
+    "wall_source": Point("wall of Saint Venant-Kirchhoff's law", {"materials.wall": load_set("vein_wall")}),
+    "finer": Point("3.2 : 1, finer mesh", numerical=True),
+    "halved": Point("3.2 : 1, half of the step", numerical=True),
+    "gap": Point("3.2 : 1, half of the residual gap", {"conditions.contact.residual_gap": 0.01}, numerical=True),
+}
+
+
+def case(key: str, level: Level) -> Case:
+    """Return the case of a vein under 25 mmHg that rise in 1 s."""
+    point = POINTS[key]
+    base = compare_tissues.case("m_s1", level.finer if key == "finer" else level.mesh)
+    step = level.step / 2 if key == "halved" else level.step
+    return base.replace(**{
+        "name": key.replace("_", "-"), "geometry.aspect_ratio": RATIO, "materials.wall": WALL,
+        "conditions.contact": ContactModel(),
+        "loads.skin_pressure": PressureSmoothRamp(final=FULL, duration=1.0),
+        "time.step": step, "time.smallest_step": step / 64, "time.end": 1.0, "output.fields_every": round(0.25 / step),
+    }).replace(**point.changes)  # fmt: skip
+
+
+def closing_case(key: str, level: Level) -> Case:
+    """Return the case of a vein at rest under a pressure on the skin that rises by 1 mmHg in each second.
+
+    The pressure behind the resistance that feeds it is such that without that pressure the flow is the same.
+    """
+    rise, end = case(key, level), POINTS[key].closes
+    known: Any = rise.loads.outlet_pressure
+    source = {"kind": "resistance", "resistance_Pa_s_m3": CAPILLARIES / FLOW,
+              "distal_pressure": {"kind": "constant", "value_Pa": known.value + CAPILLARIES}}  # fmt: skip
+    step = from_si(level.pressure_step, "mmHg")
+    return rise.replace(**{
+        "name": f"{rise.name}-closing", "loads.openings": {"inlet": source},
+        "loads.skin_pressure": PressureTable(times=(0.0, end), values=(0.0, end * MMHG)), "time.scheme": "static",
+        "time.step": step, "time.smallest_step": step / 64, "time.end": float(end), "output.fields_every": 2,
+    })  # fmt: skip
+
+
+def study(level: str, folder: Path, quiet: bool = False) -> Path:
+    """Run the study at a level into a folder and return the path of the report."""
+    chosen = LEVELS[level]
+    cases = {key: case(key, chosen) for key in POINTS}
+    cases |= {f"{key}-closing": closing_case(key, chosen) for key, point in POINTS.items() if point.closes}
+    path = write_report(level, folder, run_cases(cases, folder, quiet=quiet))
+    if not quiet:
+        console().print(path.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0])
+    return path
+
+
+@dataclass(frozen=True)
+class Result:
+    """The numbers of a vein: loss of volume and SAWSS over that at t = 0, at the end of the rise; of the veins that are
+    closed the pressure on the skin at which they count as closed, and how much of the flow is left there."""
+
+    key: str
+    loss_1: float
+    sawss_start_Pa: float  # noqa: N815 - a column
+    sawss_ratio_1: float
+    least_detf_1: float
+    closed_Pa: float = float("nan")  # noqa: N815 - a column
+    flow_left_1: float = float("nan")
+
+
+def result(key: str, run: StoredRun, closing: StoredRun | None) -> Result:
+    """Return the numbers of a vein."""
+    area, shear = run.series["lumen_area_mean_m2"], run.series["sawss_Pa"]
+    least = min(np.nanmin(values) for name, values in run.series.items() if name.startswith("detF_min"))
+    closed = pressure_of_closure(closing) if closing else (float("nan"),) * 2
+    return Result(
+        key, float(1 - area[-1] / area[0]), float(shear[0]), float(shear[-1] / shear[0]), float(least), *closed
+    )
+
+
+def pressure_of_closure(run: StoredRun) -> tuple[float, float]:
+    """Return the pressure on the skin (Pa) at which the mean area falls below a tenth of that at rest, between steps in
+    a straight line, and the fraction of the flow that is left there; NaN: at none."""
+    series = run.series
+    left = series["lumen_area_mean_m2"] / series["lumen_area_mean_m2"][0]
+    below = np.flatnonzero(left < CLOSED)
+    if not len(below):
+        return float("nan"), float("nan")
+    ends = slice(below[0] - 1, below[0] + 1)
+    part = (left[ends][0] - CLOSED) / (left[ends][0] - left[ends][1])
+    pressure, flow = (
+        np.interp(part, (0, 1), series[name][ends]) for name in ("skin_pressure_mean_Pa", "flow_out_m3_s")
+    )
+    return float(pressure), float(flow / series["flow_out_m3_s"][0])
+
+
+class Measured(NamedTuple):
+    """What others measured: who on whom, under what, and the range of means in percent or mmHg."""
+
+    who: str
+    load: str
+    low: float
+    high: float
+
+    @property
+    def range(self) -> str:
+        """The range in words."""
+        return f"{self.low:g}" if self.low == self.high else f"{self.low:g} to {self.high:g}"
+
+
+def measured(name: str) -> list[Measured]:
+    """Return what others measured of loss_percent, rise_percent or closed_mmHg, the last by posture."""
+    found = []
+    for one in tables("measured"):
+        given = one.get(name, {})
+        postures = given if isinstance(given, dict) else {"": given}
+        for posture, (low, high) in postures.items():
+            who = f"{one['source'].partition(',')[0].partition(' (')[0]}: {one['who']}"
+            found.append(Measured(f"{who}, {posture}" if posture else who, one["load"], low, high))
+    return found
+
+
+def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> Path:
+    """Write report.md, results.csv and the figures from what became of the runs, and return the report's path."""
+    done = {key: one.run for key, one in outcomes.items() if one.run is not None and not one.failure}
+    results = {key: result(key, done[key], done.get(f"{key}-closing")) for key in POINTS if key in done}
+    files = []
+    if results:
+        write_rows(folder / "results.csv", [asdict(one) for one in results.values()])
+        files = _draw(results, done, folder)
+    failures = [f"- {key}: {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure]
+    parts = [
+        f"# Veins that close, level `{level}`\n", answer(results), *files, "## One factor at a time\n", table(results),
+        "Under 25 mmHg on the skin that rise smoothly in 1 s; M tissue, wall of 1 mm and 133 kPa with the law "
+        "`compressible_neo_hookean`, blood at 10 mmHg, flow 2.913 ml/s, lumen of the area of a circle of 11.1 mm, "
+        "longer axis lateral, unless the first column says otherwise. Closed: the mean area is below a tenth of that "
+        "at rest, in steady flow from a source 15 mmHg above the outlet behind a resistance.\n",
+        "## What others measured\n", comparison(results),
+        *(["## Failed\n", "\n".join(failures) + "\n"] if failures else []),
+        f"## To repeat it\n\n    ngfsi study closing_vein --level {level}\n",
+    ]  # fmt: skip
+    path = folder / "report.md"
+    replace_file(path, "\n".join(parts).encode())
+    return path
+
+
+def numerical_error(results: Mapping[str, Result], name: str) -> float:
+    """Return the estimated error of a number of the oval vein: the sum of its changes with mesh, step and gap."""
+    others = [results[key] for key, point in POINTS.items() if point.numerical and key in results]
+    return float(sum(abs(getattr(one, name) - getattr(results[BASE], name)) for one in others))
+
+
+def answer(results: Mapping[str, Result]) -> str:
+    """Return what the shape of the vein decides, in sentences."""
+    if not {BASE, "round"} <= results.keys():
+        return "The runs that answer the question failed.\n"
+    oval, around = results[BASE], results["round"]
+    losses, ratios = numerical_error(results, "loss_1"), numerical_error(results, "sawss_ratio_1")
+    said = [
+        f"- **The shape of the vein decides.** Under 25 mmHg a round vein loses {100 * around.loss_1:.1f} % of its "
+        f"volume and its SAWSS ends at {around.sawss_ratio_1:.1f} times that at rest; an oval one of the same area, "
+        f"{RATIO:g} : 1, loses {100 * oval.loss_1:.0f} ± {100 * losses:.0f} % and ends at "
+        f"{oval.sawss_ratio_1:.1f} ± {ratios:.1f} times. Measured under stockings: "
+        f"{', '.join(one.range for one in measured('loss_percent'))} %; the source's images of a subject "
+        f"{tables('compare_tissues')['volume_reduction_percent']['measured']:g} %.",
+    ]
+    physical = [one for key, one in results.items() if not POINTS[key].numerical and key not in (BASE, "round")]
+    if physical:
+        least, most = min(physical, key=lambda one: one.loss_1), max(physical, key=lambda one: one.loss_1)
+        said.append(
+            f"- **Other factors**, one at a time around the oval vein, give losses from {100 * least.loss_1:.0f} % "
+            f"({POINTS[least.key].title}) to {100 * most.loss_1:.0f} % ({POINTS[most.key].title})."
+        )
+    closed = [one for one in results.values() if np.isfinite(one.closed_Pa)]
+    if closed:
+        listed = ", ".join(f"{from_si(one.closed_Pa, 'mmHg'):.0f} mmHg ({POINTS[one.key].title})" for one in closed)
+        said.append(f"- **It closes** at {listed}.")
+    return "\n".join(said) + "\n"
+
+
+LOSS, SHEAR, CLOSURE = (Shown(name, unit) for name, unit in (
+    ("loss", "percent"), ("SAWSS at t = 0", "Pa"), ("closed at", "mmHg")))  # fmt: skip
+
+
+def table(results: Mapping[str, Result]) -> str:
+    """Return all veins."""
+    head = (
+        "vein",
+        LOSS.label,
+        SHEAR.label,
+        "SAWSS at the end over that",
+        CLOSURE.label,
+        "flow left then",
+        "least det F",
+    )
+    cells = [
+        (
+            POINTS[one.key].title, f"{LOSS(one.loss_1):.1f}", f"{SHEAR(one.sawss_start_Pa):.4f}",
+            f"{one.sawss_ratio_1:.2f}", *((f"{CLOSURE(one.closed_Pa):.1f}", f"{one.flow_left_1:.2f}")
+                                          if np.isfinite(one.closed_Pa) else ("", "")), f"{one.least_detf_1:.3f}",
+        )
+        for one in results.values()
+    ]  # fmt: skip
+    return markdown_table(head, cells)
+
+
+def comparison(results: Mapping[str, Result]) -> str:
+    """Return what others measured beside the range that the factors give."""
+    computed = {
+        "loss_percent": ("loss %", [100 * one.loss_1 for one in results.values()]),
+        "rise_percent": ("rise of SAWSS %", [100 * (one.sawss_ratio_1 - 1) for one in results.values()]),
+        "closed_mmHg": (CLOSURE.label, [CLOSURE(one.closed_Pa) for one in results.values() if one.closed_Pa > 0]),
+    }
+    cells = [
+        (one.who, one.load, what, one.range, f"{min(found):.0f} to {max(found):.0f}",
+         "yes" if min(found) <= one.high and one.low <= max(found) else "no")
+        for name, (what, found) in computed.items() if found for one in measured(name)
+    ]  # fmt: skip
+    head = ("who", "load", "what", "measured", "computed, all veins above", "do they meet")
+    return markdown_table(head, cells) + "\nNo number of the model was fitted to these.\n"
+
+
+def _draw(results: Mapping[str, Result], done: Mapping[str, StoredRun], folder: Path) -> list[str]:
+    """Draw the figures and return the lines of the report that show them."""
+    found = []
+    shapes = [key for key in ("round", "ratio_2", BASE, "ratio_4") if key in results]
+    ratios = [POINTS[key].changes.get("geometry.aspect_ratio", RATIO) for key in shapes]
+    span = [min(ratios), max(ratios)]
+    others = [
+        Line(f"measured: {one.range} %, {one.load}", span, [level / 100] * 2, "--")
+        for one in measured("loss_percent") for level in sorted({one.low, one.high})
+    ]  # fmt: skip
+    panels = {"25 mmHg": [Line("computed", ratios, [results[key].loss_1 for key in shapes]), *others]}
+    lines(panels, (Shown("ratio of the axes", "1"), Shown("loss of area", "percent")), folder / "shape.png")
+    found.append("![Loss of area over the ratio of the axes](shape.png)\n")
+    curves = []
+    for key in POINTS:
+        if run := done.get(f"{key}-closing"):
+            area = run.series["lumen_area_mean_m2"]
+            curves.append(Line(POINTS[key].title, run.series["skin_pressure_mean_Pa"], area / area[0], "-"))
+    if curves:
+        axes = Shown("pressure on the skin", "mmHg"), Shown("area", "1", "of that at rest")
+        lines({"steady flow from a source behind a resistance": curves}, axes, folder / "closing.png")
+        found.append("![Area over the pressure on the skin](closing.png)\n")
+    sections = [Group(POINTS[key].title, done[key]) for key in ("round", BASE) if key in done]
+    if sections:
+        outlines(sections, (0.0, 1.0), folder / "outlines.png")
+        found.append("![Sections at mid-length before and after](outlines.png)\n")
+    return found

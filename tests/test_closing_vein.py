@@ -1,0 +1,66 @@
+"""The study of veins that close: what it computes, what it reads from runs, and what its page says of them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from ngfsi_studies import closing_vein
+from ngfsi_studies.closing_vein import BASE, LEVELS, POINTS, Result, case, closing_case, pressure_of_closure
+
+from ngfsi.units import MMHG
+
+RESULTS = {
+    "round": Result("round", 0.2, 0.07, 1.4, 0.8),
+    BASE: Result(BASE, 0.55, 0.07, 5.0, 0.3, closed_Pa=40 * MMHG, flow_left_1=0.25),
+    "blood_5": Result("blood_5", 0.7, 0.08, 9.0, 0.2, closed_Pa=30 * MMHG, flow_left_1=0.2),
+    "finer": Result("finer", 0.56, 0.07, 5.3, 0.3),
+    "gap": Result("gap", 0.53, 0.07, 5.1, 0.3),
+}
+
+
+@pytest.mark.parametrize("key", [key for key, point in POINTS.items() if point.closes])
+def test_the_source_drives_the_flow_of_the_rise(key: str) -> None:
+    """(p0 - p) / R at the pressure of the outlet, and 1 mmHg more on the skin in each second."""
+    closing: Any = closing_case(key, LEVELS["demo"]).loads
+    inlet = closing.opening("inlet")
+    drop = inlet.distal_pressure.value - closing.outlet_pressure.value
+    assert drop / inlet.resistance == pytest.approx(case(key, LEVELS["demo"]).loads.inlet_flow(0.0), rel=1e-12)
+    assert closing.skin_pressure(7.0) == pytest.approx(7 * MMHG, rel=1e-12)
+
+
+def test_the_point_of_closure_is_between_steps() -> None:
+    """The area falls through a tenth at three quarters of the way from 20 to 24 mmHg, where the flow is 0.35 of that at
+    rest; a vein that keeps more has none."""
+    series = {
+        "skin_pressure_mean_Pa": MMHG * np.array([0.0, 20.0, 24.0, 30.0]),
+        "lumen_area_mean_m2": np.array([2.0, 0.5, 0.1, 0.05]),
+        "flow_out_m3_s": np.array([2.0, 1.0, 0.6, 0.1]),
+    }
+    run: Any = SimpleNamespace(series=series)
+    assert pressure_of_closure(run) == pytest.approx((23 * MMHG, 0.35), rel=1e-12)
+    series["lumen_area_mean_m2"] = np.array([2.0, 0.5, 0.3, 0.21])
+    assert np.isnan(pressure_of_closure(run)).all()
+
+
+def test_the_page_says_what_was_found() -> None:
+    """The error is the sum of the changes with mesh and gap, 1 + 2 points and 0.3 + 0.1."""
+    said = closing_vein.answer(RESULTS)
+    assert "a round vein loses 20.0 % of its volume and its SAWSS ends at 1.4 times" in said
+    assert "loses 55 ± 3 % and ends at 5.0 ± 0.4 times" in said
+    assert "from 70 % (blood at 5 mmHg) to 70 %" in said
+    assert "40 mmHg (3.2 : 1), 30 mmHg (blood at 5 mmHg)" in said
+    rows = closing_vein.table(RESULTS).splitlines()
+    assert [cell.strip() for cell in rows[3].strip("|").split("|")] == [
+        "3.2 : 1", "55.0", "0.0700", "5.00", "40.0", "0.25", "0.300",
+    ]  # fmt: skip
+    held = [
+        [cell.strip() for cell in row.strip("|").split("|")] for row in closing_vein.comparison(RESULTS).splitlines()
+    ]
+    found = {(row[0].partition(":")[0], row[3]): row[4:] for row in held if len(row) == 6}
+    assert found["Downie et al.", "64"] == ["20 to 70", "yes"]
+    assert found["BMC Musculoskelet Disord", "86 to 95"] == ["20 to 70", "no"]
+    assert found["Partsch and Partsch", "20 to 25"] == ["30 to 40", "no"]
+    assert found["Downie et al.", "490 to 650"] == ["40 to 800", "yes"]
