@@ -107,7 +107,7 @@ def test_digest_depends_on_all_but_the_name(case: Case) -> None:
 OTHER: dict[str, Any] = {
     "geometry.lumen_diameter": 0.008,
     "materials.tissue.K": 30001.0,
-    "materials.wall": {"set": "vein_wall"},
+    "materials.wall": {"set": "vein_wall_source"},
     "loads.skin_pressure.final": 3333.06,
     "conditions.ends": "free",
     "discretisation.order": 3,

@@ -100,7 +100,7 @@ def test_parameter_sets_are_the_printed_ones() -> None:
         assert {name: getattr(law, name) / 1e3 for name in ("c10", "c01", "c11")} == section["mooney_rivlin_kPa"]
     named: Any = load_set("neo_hookean_printed")
     assert {name: getattr(named, name) / 1e3 for name in ("C10", "Kv")} == chapter["neo_hookean_kPa"]
-    wall: Any = load_set("vein_wall")
+    wall: Any = load_set("vein_wall_source")
     assert wall.young == 1e3 * chapter["wall_young_kPa"]
 
 

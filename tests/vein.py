@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 BLOOD = Newtonian(density=1060.0, viscosity=3.5e-3)
 TISSUE = CompressibleNeoHookean(young=30e3, poisson=0.3, density=1060.0)
-WALL = load_set("vein_wall")
+WALL = load_set("vein_wall_source")
 
 COARSE = MeshSettings(axial_layers=1, far_size=20e-3, vein_size=6e-3, lumen_radii=(), curving_order=2)
 """Ten triangles around the lumen and two rings of tissue: for identities that hold on any mesh."""

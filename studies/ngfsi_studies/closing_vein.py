@@ -92,7 +92,7 @@ POINTS = {
     "wall_thin": Point("wall of 0.5 mm", {"geometry.wall_thickness": 0.5e-3}),
     "tissue_stiff": Point("M with K 82 kPa", {"materials.tissue": load_set("mooney_rivlin_s1").replace(K=82e3)}),
     "tissue_n": Point("N, likely constants", {"materials.tissue": load_set("neo_hookean_likely")}),
-    "wall_source": Point("wall of Saint Venant-Kirchhoff's law", {"materials.wall": load_set("vein_wall")}),
+    "wall_source": Point("wall of Saint Venant-Kirchhoff's law", {"materials.wall": load_set("vein_wall_source")}),
     "finer": Point("3.2 : 1, finer mesh", numerical=True),
     "halved": Point("3.2 : 1, half of the step", numerical=True),
     "gap": Point("3.2 : 1, half of the residual gap", {"conditions.contact.residual_gap": 0.01}, numerical=True),

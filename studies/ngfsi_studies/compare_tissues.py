@@ -102,7 +102,7 @@ def case(key: str, level: Level) -> Case:
         name=key,
         geometry=CalfSegment(lumen_diameter=variant.lumen, mesh=level.mesh),
         materials=Materials.from_dict(
-            {"tissue": {"set": variant.tissue}, "wall": {"set": "vein_wall"}, "fluid": {"set": "blood"}}
+            {"tissue": {"set": variant.tissue}, "wall": {"set": "vein_wall_source"}, "fluid": {"set": "blood"}}
         ),
         loads=Loads(skin_pressure=PressureRamp(final=25 * MMHG, duration=1.0)),
         discretisation=Discretisation(order=level.order),

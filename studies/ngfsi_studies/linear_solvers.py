@@ -145,7 +145,7 @@ def _elastic(poisson: float) -> Case:
     """Return the calf with Neo-Hookean tissue of one shear modulus."""
     tissue = {"law": "compressible_neo_hookean", "young_kPa": 14 * (1 + poisson), "poisson": poisson,
               "density_kg_m3": 1060}  # fmt: skip
-    given = {"tissue": tissue, "wall": {"set": "vein_wall"}, "fluid": {"set": "blood"}}
+    given = {"tissue": tissue, "wall": {"set": "vein_wall_source"}, "fluid": {"set": "blood"}}
     chosen = _calf(elements=COARSEST).model_copy(update={"materials": Materials.from_dict(given)})
     return chosen.replace(**{"discretisation.bulk_integration": "reduced" if poisson >= 0.49 else "full"})
 

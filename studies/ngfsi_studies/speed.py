@@ -22,7 +22,7 @@ def _vein(mesh: MeshSettings, end: float = 0.2) -> Case:
         name="vein",
         geometry=TubeSegment(length=60e-3, outer_radius=30e-3, mesh=mesh),
         materials=Materials.from_dict(
-            {"tissue": {"set": "mooney_rivlin_s1"}, "wall": {"set": "vein_wall"}, "fluid": {"set": "blood"}}
+            {"tissue": {"set": "mooney_rivlin_s1"}, "wall": {"set": "vein_wall_source"}, "fluid": {"set": "blood"}}
         ),
         loads=Loads(skin_pressure=PressureRamp(final=10 * MMHG, duration=0.2)),
         conditions=Conditions(ends="clamped"),

@@ -233,6 +233,6 @@ def two_veins() -> Probe:
     openings = {"inlet_2": FlowOpening(flow=FlowConstant(value=0.0)), "outlet_2": PressureOpening(pressure=REST)}
     beside = CalfVein(lumen_diameter=SECOND["lumen_diameter"], x=SECOND["vein_x"], y=SECOND["vein_y"])
     geometry = CalfSegment(length=40e-3, mesh=MESH.replace(curving_order=1), further_veins=(beside,), **FIRST)
-    laws = Materials(tissue=load_set("mooney_rivlin_s1"), wall=load_set("vein_wall"), fluid=BLOOD)
+    laws = Materials(tissue=load_set("mooney_rivlin_s1"), wall=load_set("vein_wall_source"), fluid=BLOOD)
     case = case_of(Tee(), **openings).replace(geometry=geometry, materials=laws)
     return Probe(System(case, domain_of(geometry)))

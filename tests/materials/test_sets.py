@@ -7,7 +7,15 @@ from typing import Any
 import pytest
 
 from ngfsi.errors import MaterialError
-from ngfsi.materials import MooneyRivlin, NeoHookean, Newtonian, SaintVenantKirchhoff, available_sets, load_set
+from ngfsi.materials import (
+    CompressibleNeoHookean,
+    MooneyRivlin,
+    NeoHookean,
+    Newtonian,
+    SaintVenantKirchhoff,
+    available_sets,
+    load_set,
+)
 from ngfsi.materials.parameter_sets import read_set
 
 # (c10, c01, c11, K) in Pa: thesis chapter 4, K of subjects 1-4; the review's table 2 with K of subject 1 over ten
@@ -27,7 +35,7 @@ NEO_HOOKEAN = {
 
 
 def test_nothing_ships_unchecked() -> None:
-    assert set(available_sets()) == {*MOONEY_RIVLIN, *NEO_HOOKEAN, "vein_wall", "blood"}
+    assert set(available_sets()) == {*MOONEY_RIVLIN, *NEO_HOOKEAN, "vein_wall", "vein_wall_source", "blood"}
 
 
 @pytest.mark.parametrize("name", MOONEY_RIVLIN)
@@ -46,9 +54,12 @@ def test_neo_hookean_sets(name: str) -> None:
 
 
 def test_wall_and_blood() -> None:
-    wall, blood = load_set("vein_wall"), load_set("blood")
-    assert isinstance(wall, SaintVenantKirchhoff)
-    assert (wall.young, wall.poisson) == (133e3, 0.49)
+    laws = {"vein_wall": CompressibleNeoHookean, "vein_wall_source": SaintVenantKirchhoff}
+    for name, law in laws.items():
+        wall = load_set(name)
+        assert isinstance(wall, law)
+        assert (wall.young, wall.poisson, wall.density) == (133e3, 0.49, 1060.0)
+    blood = load_set("blood")
     assert isinstance(blood, Newtonian)
     assert (blood.density, blood.viscosity) == (1060.0, 0.0035)
 

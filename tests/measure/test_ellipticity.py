@@ -10,7 +10,7 @@ from ngfsi.measure.ellipticity import Ellipticity, extreme
 from tests.vein import TISSUE, WALL
 
 RESTING = np.ones((1, 3))
-SETS = ("vein_wall", "mooney_rivlin_s1", "neo_hookean_likely")
+SETS = ("vein_wall_source", "mooney_rivlin_s1", "neo_hookean_likely")
 
 
 @pytest.mark.parametrize("law", [*map(load_set, SETS), TISSUE], ids=lambda law: law.label)

@@ -23,7 +23,7 @@ from ngfsi.store.stored import StoredRun, open_run
 from ngfsi.units import MMHG
 
 GEOMETRY = CalfSegment(mesh=MeshSettings(axial_layers=2, vein_size=8e-3, far_size=25e-3, lumen_radii=(0.6,)))
-MATERIALS = Materials(tissue=load_set("mooney_rivlin_s1"), wall=load_set("vein_wall"), fluid=load_set("blood"))
+MATERIALS = Materials(tissue=load_set("mooney_rivlin_s1"), wall=load_set("vein_wall_source"), fluid=load_set("blood"))
 CASE = Case(
     name="fake",
     geometry=GEOMETRY,

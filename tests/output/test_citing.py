@@ -56,7 +56,7 @@ def test_code_and_packages_are_named(tmp_path: Path) -> None:
 
 
 def test_only_what_was_used_is_cited(tmp_path: Path) -> None:
-    changed = {"conditions.initial_state": "prestress", "materials.wall": load_set("vein_wall", young_kPa=1)}
+    changed = {"conditions.initial_state": "prestress", "materials.wall": load_set("vein_wall_source", young_kPa=1)}
     run = fake_run(tmp_path / "run", FAKE.replace(**changed))
     run.manifest["linear_solver"] = "umfpack"
     found = citations(run)

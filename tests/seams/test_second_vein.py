@@ -37,7 +37,9 @@ def run_of(which: str, further: tuple[CalfVein, ...] = (), mesh: MeshSettings = 
     case = Case(
         name="calf",
         geometry=CalfSegment(length=40e-3, mesh=mesh, further_veins=further, **place),
-        materials=Materials(tissue=load_set("mooney_rivlin_s1"), wall=load_set("vein_wall"), fluid=load_set("blood")),
+        materials=Materials(
+            tissue=load_set("mooney_rivlin_s1"), wall=load_set("vein_wall_source"), fluid=load_set("blood")
+        ),
         loads=loads,
         discretisation=Discretisation(order=2),
         time=TimeStepping(step=0.1, end=0.2),

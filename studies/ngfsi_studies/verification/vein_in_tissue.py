@@ -22,13 +22,13 @@ def _cases() -> dict[str, tuple[str, tuple[float, float]]]:
 @cache
 def _exact(quantity: str) -> float:
     tissue, (inside, outside) = _cases()[quantity]
-    layers = [Layer(load_set("vein_wall"), INNER + WALL), Layer(load_set(tissue), OUTER)]  # type: ignore[arg-type]
+    layers = [Layer(load_set("vein_wall_source"), INNER + WALL), Layer(load_set(tissue), OUTER)]  # type: ignore[arg-type]
     return 1e6 * inner_displacement(INNER, layers, inside, outside)
 
 
 def compute(setting: Setting) -> Values:
     """Return the displacement (um) of the inner face for each tissue and load."""
-    wall = load_set("vein_wall")
+    wall = load_set("vein_wall_source")
     return {
         quantity: 1e6
         * inner_radius_change(
