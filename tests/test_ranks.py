@@ -167,15 +167,8 @@ def assert_agrees(folder: Path, wanted: Path) -> None:
             np.testing.assert_allclose(fields[name], values, rtol=0, atol=1e-6 * np.abs(values).max(), err_msg=name)
 
 
-def test_two_ranks_give_the_results_of_one(serial: Path, case_file: Path, tmp_path: Path) -> None:
-    ended = mpirun(2, "run", str(case_file), "--output", str(tmp_path / "run"))
-    assert ended.returncode == 0, ended.stderr
-    assert ended.stderr.count("100%") == 1  # rank 0 alone shows progress
-    assert open_run(tmp_path / "run").manifest["ranks"] == 2
-    assert_same(tmp_path / "run", serial)
-
-
 def test_stopped_on_two_ranks_and_resumed_on_three(serial: Path, case_file: Path, tmp_path: Path) -> None:
+    """The results of one rank that was never stopped."""
     stop = """
 from ngfsi.errors import StoppedError
 from ngfsi.run.interrupts import Stops
@@ -184,9 +177,11 @@ Stops.request = lambda self: next(asked)
 """
     ended = mpirun(2, "run", str(case_file), "--output", str(tmp_path / "run"), "--quiet", before=stop)
     assert ended.returncode == 4, ended.stderr
-    assert len(open_run(tmp_path / "run").series["time_s"]) == 2
-    ended = mpirun(3, "resume", str(tmp_path / "run"), "--quiet")
+    stopped = open_run(tmp_path / "run")
+    assert (len(stopped.series["time_s"]), stopped.manifest["ranks"]) == (2, 2)
+    ended = mpirun(3, "resume", str(tmp_path / "run"))
     assert ended.returncode == 0, ended.stderr
+    assert ended.stderr.count("100%") == 1  # rank 0 alone shows progress
     assert_same(tmp_path / "run", serial)
 
 
@@ -209,21 +204,20 @@ def test_fieldsplit_ends_where_a_direct_solver_does(tmp_path: Path) -> None:
     assert np.all(costs["linear_iterations"] <= 4 * costs["iterations"])
 
 
-@pytest.mark.parametrize(("ranks", "order", "most"), [(1, 3, 13), (2, 3, 18)])
-def test_iterations_of_fieldsplit(tmp_path: Path, ranks: int, order: int, most: int) -> None:
+def test_iterations_of_fieldsplit(tmp_path: Path) -> None:
     """To 1e-6, from rest and then with new values of the matrix; p-multigrid takes 12. Its
     error is judged by the scales of each renewal."""
     work = f"""
 from ngfsi.parallel.ranks import all_ranks
 from tests.updates import store
-store('{tmp_path / "found.npz"}', {order}, all_ranks())
+store('{tmp_path / "found.npz"}', 3, all_ranks())
 sys.exit()
 """
-    ended = mpirun(ranks, before=work)
+    ended = mpirun(2, before=work)
     assert ended.returncode == 0, ended.stderr
-    found, system = np.load(tmp_path / "found.npz"), system_of(case(order))
-    assert np.all(found["iterations"] <= most)
-    exact, _ = updates(order, choose_backend("auto"), Ranks())
+    found, system = np.load(tmp_path / "found.npz"), system_of(case(3))
+    assert np.all(found["iterations"] <= 18)
+    exact, _ = updates(3, choose_backend("auto"), Ranks())
     tight, loose = (BLOCKS, 2e-3), ("d", 5e-2)
     for one, other, (names, largest) in zip(found["updates"], exact, (tight, loose, tight), strict=True):
         for name in names:
@@ -259,7 +253,6 @@ System.apply = failing
     ("how", "code", "sentence"),
     [
         ("self.form = None", 3, "has no attribute 'Apply' (on rank 1 of 2)"),  # in its own part of the work
-        ("raise MemoryError('all is full')", 1, "rank 1 failed, MemoryError: all is full"),  # where it was expected
         ("os.kill(os.getpid(), signal.SIGKILL)", 137, ""),
     ],
 )
