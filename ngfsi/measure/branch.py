@@ -75,11 +75,12 @@ class Branch:
     def flows(self) -> Array:
         """Flow (m3/s) through each station in the direction of the centreline; NaN where there is no section.
 
-        In a vessel with one inlet and one outlet it follows from the inflow and the rates of area before the station;
-        in a branched one it is measured in a layer of elements around each station (see `Layers`).
+        In a vessel with one inlet and one outlet it follows from the flow through the place where the inlet is now,
+        which may move, and the rates of area before the station; in a branched one it is measured in a layer of
+        elements around each station (see `Layers`).
         """
         if self._layers is None:
-            return self.sections.local_flows(-sum(self._integral(f"flux {name}") for name in self.vessel.inlets))
+            return self.sections.local_flows(-sum(self._integral(f"through {name}") for name in self.vessel.inlets))
         flows = self._layers.values @ self._beyond
         for end, sign in ((0, -1.0), (-1, 1.0)):
             if self._reaches[end]:

@@ -131,11 +131,12 @@ class VesselProbe:
         lumen = dx(str(vessel.lumen), **whole)
         rate = InnerProduct(k.cof, f.grad_motion_rate)
         self.integral.define({"lumen volume": k.J * lumen, "lumen rate": rate * lumen})
-        flux, size = terms.relative_flux(k, f.relative, normal), ng.Norm(k.cof * normal)
+        flux, through = (terms.relative_flux(k, u, normal) for u in (f.relative, f.velocity))
+        size = ng.Norm(k.cof * normal)
         for name in vessel.openings:
             over = ds(name, bonus_intorder=2 * order)
-            self.integral.define({f"flux {name}": flux * over, f"size {name}": size * over,
-                                  f"p*size {name}": f.pressure * size * over})  # fmt: skip
+            self.integral.define({f"flux {name}": flux * over, f"through {name}": through * over,
+                                  f"size {name}": size * over, f"p*size {name}": f.pressure * size * over})  # fmt: skip
         self._define_wall()
 
     def _define_wall(self) -> None:

@@ -126,6 +126,15 @@ def test_a_cone_that_moves_along_its_axis() -> None:
     assert sections.area_rates == pytest.approx(-2 * speed * disc(system) * wide * widening / LENGTH, rel=1e-6)
 
 
+def test_flow_through_places_that_a_vein_moves_along() -> None:
+    """A cylinder that moves along its axis as a whole takes its blood along, v A of it, and none flows into it."""
+    system, speed = system_of(case_of(FLAT)), 0.03
+    system.velocity_history.components[0].Set(ng.CF((0, 0, speed)))
+    probe = probe_of(system)
+    assert probe.inflow() == pytest.approx(0.0, abs=1e-12 * speed * disc(system))
+    assert probe.branches[""].flows == pytest.approx(np.full(11, speed * disc(system)), rel=1e-9)
+
+
 def test_rates_of_area_integrate_to_the_rate_of_the_volume() -> None:
     """Of a cone whose wall moves along it, but not at its ends, by Gauss's rule along the vein."""
     system = cone(0.4)
