@@ -48,7 +48,7 @@ def test_the_point_of_closure_is_between_steps() -> None:
 def test_the_page_says_what_was_found() -> None:
     """The error is the sum of the changes with mesh and gap, 1 + 2 points and 0.3 + 0.1."""
     said = closing_vein.answer(RESULTS)
-    assert "a round vein loses 20.0 % of its volume and its SAWSS ends at 1.4 times" in said
+    assert "a round vein loses 20.0 % of its volume and its SAWSS ends at 1.40 times" in said
     assert "loses 55 ± 3 % and ends at 5.0 ± 0.4 times" in said
     assert "from 70 % (blood at 5 mmHg) to 70 %" in said
     assert "40 mmHg (3.2 : 1), 30 mmHg (blood at 5 mmHg)" in said

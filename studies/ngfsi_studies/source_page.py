@@ -24,7 +24,7 @@ from ngfsi.analysis.decomposition import STAGES, narrowing
 from ngfsi.report.tables import markdown_table
 from ngfsi.store.disk import replace_file
 from ngfsi.units import from_si, to_si
-from ngfsi_studies import calibration, ramp_shape, rigid_veins
+from ngfsi_studies import calibration, closing_vein, ramp_shape, rigid_veins
 from ngfsi_studies.compare_tissues import MAIN
 from ngfsi_studies.flow_rate import flow_for
 from ngfsi_studies.source import everything, inferred_flow
@@ -113,6 +113,7 @@ def facts() -> dict[str, Any]:
     """Return all that the templates may speak of."""
     ramps = [ramp_shape.Result(**row) for row in stored("ramp_shape/results.csv")]
     paper, demo = ({row["run"]: row for row in stored(f"{level}/results.csv")} for level in ("paper", "demo"))
+    closing = {row["key"]: closing_vein.Result(**row) for row in stored("closing_vein/results.csv")}
     printed = everything()
     return {
         "printed": printed,
@@ -127,6 +128,8 @@ def facts() -> dict[str, Any]:
         "errors": {level: numerical_errors(level) for level in ("demo", "paper")},
         "ramps": {(r.tissue, r.shape, r.step_s == max(one.step_s for one in ramps)): r for r in ramps},
         "ramp_table": ramp_shape.table(ramps),
+        "closing": closing,
+        "closing_answer": closing_vein.answer(closing),
         "narrowing": {name: narrowing(loss / 100) - 1
                       for name, loss in printed["compare_tissues"]["volume_reduction_percent"].items()},
         "causes": _causes(demo),
