@@ -16,7 +16,7 @@ RESULTS = {
     "round": Result("round", 0.2, 0.07, 1.4, 0.8),
     BASE: Result(BASE, 0.55, 0.07, 5.0, 0.3, closed_Pa=40 * MMHG, flow_left_1=0.25),
     "blood_5": Result("blood_5", 0.7, 0.08, 9.0, 0.2, closed_Pa=30 * MMHG, flow_left_1=0.2),
-    "finer": Result("finer", 0.56, 0.07, 5.3, 0.3),
+    "order": Result("order", 0.56, 0.07, 5.3, 0.3),
     "gap": Result("gap", 0.53, 0.07, 5.1, 0.3),
 }
 
@@ -46,7 +46,7 @@ def test_the_point_of_closure_is_between_steps() -> None:
 
 
 def test_the_page_says_what_was_found() -> None:
-    """The error is the sum of the changes with mesh and gap, 1 + 2 points and 0.3 + 0.1."""
+    """The error is the sum of the changes with order and gap, 1 + 2 points and 0.3 + 0.1."""
     said = closing_vein.answer(RESULTS)
     assert "a round vein loses 20.0 % of its volume and its SAWSS ends at 1.40 times" in said
     assert "loses 55 ± 3 % and ends at 5.0 ± 0.4 times" in said

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,6 +24,8 @@ from ngfsi.units import Shown, in_unit
 Array = NDArray[np.float64]
 
 OVERSHOOT = 1.15
+MANY = 4
+"""Lines in a panel beyond which their names stand below it."""
 TIME, X, Y = Shown("time", "s"), Shown("x, lateral", "mm"), Shown("y, anterior", "mm")
 
 
@@ -271,7 +275,7 @@ def _outline_panel(panel: Axes, group: Group, times: tuple[float, float]) -> Non
     panel.fill(*_closed(after[1]), color=group.colour, alpha=0.15, linewidth=0)
     panel.set_aspect("equal")
     panel.set_title(group.label, fontsize=10)
-    panel.legend(loc="center", fontsize=8, frameon=False, handlelength=1.2)
+    panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), fontsize=8, frameon=False, handlelength=1.2)
 
 
 def _middle_ring(run: StoredRun, time: float) -> tuple[float, Array]:
@@ -330,7 +334,7 @@ def lines(
     """
     figure, spaces, columns = new_panels(len(panels), 2, (5.2, 4.0), (0.0, 0.0))
     for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
-        for colour, line in zip(COLOURS, drawn, strict=False):
+        for colour, line in zip(cycle(COLOURS), drawn, strict=False):
             x, y = (axis(np.asarray(values)) for axis, values in zip(shown, (line.x, line.y), strict=True))
             spread = None if line.spread is None else shown[1](np.asarray(line.spread))
             panel.errorbar(x, y, yerr=spread, fmt=line.style, color=colour, markersize=4,
@@ -348,5 +352,8 @@ def lines(
             panel.set_ylabel(shown[1].label)
         if ticks:
             panel.set_xticks(range(len(ticks)), ticks, rotation=25, ha="right")
-        panel.legend(fontsize=8, frameon=False)
+        below: dict[str, Any] = (
+            {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2} if len(drawn) > MANY else {}
+        )
+        panel.legend(fontsize=8, frameon=False, **below)
     figure.savefig(path)
