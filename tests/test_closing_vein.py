@@ -8,13 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 from ngfsi_studies import closing_vein
-from ngfsi_studies.closing_vein import BASE, LEVELS, POINTS, Result, case, closing_case, pressure_of_closure
+from ngfsi_studies.closing_vein import (
+    BASE,
+    LEVELS,
+    POINTS,
+    Result,
+    case,
+    closing_case,
+    pressure_of_closure,
+    steady_ratio,
+)
 
 from ngfsi.units import MMHG
 
 RESULTS = {
     "round": Result("round", 0.2, 0.07, 1.4, 0.8),
-    BASE: Result(BASE, 0.55, 0.07, 5.0, 0.3, closed_Pa=40 * MMHG, flow_left_1=0.25),
+    BASE: Result(BASE, 0.55, 0.07, 5.0, 0.3, closed_Pa=40 * MMHG, flow_left_1=0.25, steady_ratio_1=4.75),
     "blood_5": Result("blood_5", 0.7, 0.08, 9.0, 0.2, closed_Pa=30 * MMHG, flow_left_1=0.2),
     "order": Result("order", 0.56, 0.07, 5.3, 0.3),
     "gap": Result("gap", 0.53, 0.07, 5.1, 0.3),
@@ -41,6 +50,8 @@ def test_the_point_of_closure_is_between_steps() -> None:
     }
     run: Any = SimpleNamespace(series=series)
     assert pressure_of_closure(run) == pytest.approx((23 * MMHG, 0.35), rel=1e-12)
+    series["sawss_Pa"] = np.array([0.1, 0.2, 0.5, 1.1])
+    assert steady_ratio(run) == pytest.approx(6.0, rel=1e-12)
     series["lumen_area_mean_m2"] = np.array([2.0, 0.5, 0.3, 0.21])
     assert np.isnan(pressure_of_closure(run)).all()
 
@@ -50,11 +61,12 @@ def test_the_page_says_what_was_found() -> None:
     said = closing_vein.answer(RESULTS)
     assert "a round vein loses 20.0 % of its volume and its SAWSS ends at 1.40 times" in said
     assert "loses 55 ± 3 % and ends at 5.0 ± 0.4 times" in said
+    assert "in steady flow under the same pressure it is 4.8 times" in said
     assert "from 70 % (blood at 5 mmHg) to 70 %" in said
     assert "40 mmHg (3.2 : 1), 30 mmHg (blood at 5 mmHg)" in said
     rows = closing_vein.table(RESULTS).splitlines()
     assert [cell.strip() for cell in rows[3].strip("|").split("|")] == [
-        "3.2 : 1", "55.0", "0.0700", "5.00", "40.0", "0.25", "0.300",
+        "3.2 : 1", "55.0", "0.0700", "5.00", "4.75", "40.0", "0.25", "0.300",
     ]  # fmt: skip
     held = [
         [cell.strip() for cell in row.strip("|").split("|")] for row in closing_vein.comparison(RESULTS).splitlines()

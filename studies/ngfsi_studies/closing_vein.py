@@ -143,7 +143,8 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
 @dataclass(frozen=True)
 class Result:
     """The numbers of a vein: loss of volume and SAWSS over that at t = 0, at the end of the rise; of the veins that are
-    closed the pressure on the skin at which they count as closed, and how much of the flow is left there."""
+    closed the same of SAWSS in steady flow under the same pressure, the pressure on the skin at which they count as
+    closed, and how much of the flow is left there."""
 
     key: str
     loss_1: float
@@ -152,16 +153,23 @@ class Result:
     least_detf_1: float
     closed_Pa: float = float("nan")  # noqa: N815 - a column
     flow_left_1: float = float("nan")
+    steady_ratio_1: float = float("nan")
 
 
 def result(key: str, run: StoredRun, closing: StoredRun | None) -> Result:
     """Return the numbers of a vein."""
     area, shear = run.series["lumen_area_mean_m2"], run.series["sawss_Pa"]
     least = min(np.nanmin(values) for name, values in run.series.items() if name.startswith("detF_min"))
-    closed = pressure_of_closure(closing) if closing else (float("nan"),) * 2
-    return Result(
-        key, float(1 - area[-1] / area[0]), float(shear[0]), float(shear[-1] / shear[0]), float(least), *closed
-    )
+    closed, left = pressure_of_closure(closing) if closing else (np.nan, np.nan)
+    steady = steady_ratio(closing) if closing else np.nan
+    loss, ratio = float(1 - area[-1] / area[0]), float(shear[-1] / shear[0])
+    return Result(key, loss, float(shear[0]), ratio, float(least), closed, left, steady)
+
+
+def steady_ratio(run: StoredRun) -> float:
+    """Return SAWSS in steady flow under the full pressure over that without pressure."""
+    shear = run.series["sawss_Pa"]
+    return float(np.interp(FULL, run.series["skin_pressure_mean_Pa"], shear) / shear[0])
 
 
 def pressure_of_closure(run: StoredRun) -> tuple[float, float]:
@@ -247,7 +255,8 @@ def answer(results: Mapping[str, Result]) -> str:
         f"{100 * around.loss_1:.1f} % of its volume and its SAWSS ends at {around.sawss_ratio_1:.2f} times that at "
         f"rest; an oval one of the same area, {RATIO:g} : 1, loses "
         f"{_with_error(100 * oval.loss_1, 100 * losses)} % and ends at "
-        f"{_with_error(oval.sawss_ratio_1, ratios)} times. Measured under stockings: "
+        f"{_with_error(oval.sawss_ratio_1, ratios)} times, of which the blood that the vein still expels has a part: in "
+        f"steady flow under the same pressure it is {oval.steady_ratio_1:.1f} times. Measured under stockings: "
         f"{', '.join(one.range for one in measured('loss_percent'))} %; on the source's images of a subject "
         f"{tables('compare_tissues')['volume_reduction_percent']['measured']:g} %.",
     ]
@@ -289,12 +298,16 @@ def table(results: Mapping[str, Result]) -> str:
     cells = [
         (
             POINTS[one.key].title, f"{LOSS(one.loss_1):.1f}", f"{SHEAR(one.sawss_start_Pa):.4f}",
-            f"{one.sawss_ratio_1:.2f}", *((f"{CLOSURE(one.closed_Pa):.1f}", f"{one.flow_left_1:.2f}")
-                                          if np.isfinite(one.closed_Pa) else ("", "")), f"{one.least_detf_1:.3f}",
+            f"{one.sawss_ratio_1:.2f}", _if_known(one.steady_ratio_1, ".2f"), _if_known(CLOSURE(one.closed_Pa), ".1f"),
+            _if_known(one.flow_left_1, ".2f"), f"{one.least_detf_1:.3f}",
         )
         for one in results.values()
     ]  # fmt: skip
     return markdown_table(head, cells)
+
+
+def _if_known(value: float, spec: str) -> str:
+    return format(value, spec) if np.isfinite(value) else ""
 
 
 def comparison(results: Mapping[str, Result]) -> str:
