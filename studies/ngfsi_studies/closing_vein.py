@@ -255,8 +255,8 @@ def answer(results: Mapping[str, Result]) -> str:
         f"{100 * around.loss_1:.1f} % of its volume and its SAWSS ends at {around.sawss_ratio_1:.2f} times that at "
         f"rest; an oval one of the same area, {RATIO:g} : 1, loses "
         f"{_with_error(100 * oval.loss_1, 100 * losses)} % and ends at "
-        f"{_with_error(oval.sawss_ratio_1, ratios)} times, of which the blood that the vein still expels has a part: in "
-        f"steady flow under the same pressure it is {oval.steady_ratio_1:.1f} times. Measured under stockings: "
+        f"{_with_error(oval.sawss_ratio_1, ratios)} times, of which the blood that the vein still expels has a part: "
+        f"in steady flow under the same pressure it is {oval.steady_ratio_1:.1f} times. Measured under stockings: "
         f"{', '.join(one.range for one in measured('loss_percent'))} %; on the source's images of a subject "
         f"{tables('compare_tissues')['volume_reduction_percent']['measured']:g} %.",
     ]
