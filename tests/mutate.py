@@ -28,6 +28,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import takewhile
 from pathlib import Path
 from queue import SimpleQueue
@@ -60,6 +61,8 @@ COMPARED = {
     ast.IsNot: ast.Is,
 }
 COMPUTED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult}
+TOLD = ("description", "help", "title", "doc")
+"""Keywords whose values only tell people something."""
 NAMES = [("min", "max"), ("sin", "cos"), ("any", "all"), ("argmin", "argmax"), ("inlet", "outlet"), ("first", "last")]
 NAMED = {**dict(NAMES), **{there: here for here, there in NAMES}}
 UNITS = {
@@ -147,7 +150,7 @@ def _of(node: ast.AST) -> Iterator[tuple[ast.expr | ast.stmt, str]]:
             yield node, f"{ast.unparse(node.value)}.{NAMED[name]}"
         case ast.Call():
             for keyword in node.keywords:
-                if keyword.arg:
+                if keyword.arg and keyword.arg not in TOLD:
                     others = [other for other in node.keywords if other is not keyword]
                     yield node, ast.unparse(ast.Call(node.func, node.args, others))
         case ast.AugAssign() | ast.Expr(value=ast.Call()):
@@ -194,6 +197,15 @@ def sample(paths: Sequence[str], count: int, seed: int) -> list[Mutant]:
     return random.Random(seed).sample(everything, min(count, len(everything)))
 
 
+@cache
+def _in_functions(path: str) -> frozenset[int]:
+    """Return the lines of a file that are in the body of a function."""
+    functions = (node for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8")))
+                 if isinstance(node, ast.FunctionDef | ast.Lambda))  # fmt: skip
+    bodies = (part for one in functions for part in (one.body if isinstance(one.body, list) else [one.body]))
+    return frozenset(line for part in bodies for line in range(part.lineno, (part.end_lineno or part.lineno) + 1))
+
+
 class Reach:
     """What tests reach which line of which file, and how long they take; measured by running them all once."""
 
@@ -233,9 +245,15 @@ class Reach:
     def of(self, mutant: Mutant) -> list[str]:
         """Return the tests of a mutant within the budget: the quick ones that reach little else first.
 
-        After those that reach its line come the others of their modules, which may look at what one of them has made.
+        Those of a line outside of functions are those that reach a function of its file. After them come the others of
+        their modules, which may look at what one of them has made.
         """
-        reaching = self.tests[mutant.path][mutant.line]
+        lines = self.tests[mutant.path]
+        reaching = lines[mutant.line]
+        if mutant.line not in _in_functions(
+            mutant.path
+        ):  # carried out by whoever imports it first: any user may notice
+            reaching = reaching.union(*(lines[line] for line in _in_functions(mutant.path) if line in lines))
         modules = {test.split("::")[0] for test in reaching}
         others = {test for test in self.seconds if test.split("::")[0] in modules} - reaching
         chosen, total = [], 0.0
