@@ -45,6 +45,9 @@ BUDGET = 30.0
 """Seconds of tests, by their usual duration, that one mutant gets."""
 PATIENCE = 4.0
 """How much longer than usual tests may take before a mutant counts as noticed because it hangs."""
+ELSEWHERE = "tests/test_ranks.py"
+"""Tests in an interpreter of their own, where no coverage is measured: they are tried where no other test comes."""
+MPI = ".venv-mpi"
 START = 30.0
 """Seconds that a start of pytest may take."""
 
@@ -254,6 +257,8 @@ class Reach:
             mutant.path
         ):  # carried out by whoever imports it first: any user may notice
             reaching = reaching.union(*(lines[line] for line in _in_functions(mutant.path) if line in lines))
+        if not reaching:
+            reaching = {test for test in self.seconds if test.startswith(f"{ELSEWHERE}::")}
         modules = {test.split("::")[0] for test in reaching}
         others = {test for test in self.seconds if test.split("::")[0] in modules} - reaching
         chosen, total = [], 0.0
@@ -356,6 +361,8 @@ def _copied(destination: Path) -> Path:
         if (ROOT / name).is_file():
             (destination / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / name, destination / name)
+    if (ROOT / MPI).exists():
+        (destination / MPI).symlink_to(ROOT / MPI)
     return destination
 
 
