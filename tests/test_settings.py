@@ -7,12 +7,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.settings import geometry, numerics, physics  # noqa: F401 - they enter
+from tests.settings import contract, geometry, numerics, physics  # noqa: F401 - they enter
 from tests.settings.table import ENTRIES, Outcome, all_keys
 
 
 def test_every_key_has_an_entry() -> None:
     assert all_keys() == set(ENTRIES)
+
+
+def test_defaults_and_limits_are_those_that_case_files_rest_on() -> None:
+    assert contract.lines() == contract.FILE.read_text(encoding="utf-8").splitlines(), contract.__doc__
 
 
 SHOWN = {shows: rel for shows, rel in ENTRIES.values()}
