@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ngfsi_geometry.calf import STILL, CalfSegment, CalfVein
+from ngfsi_geometry.plane import Ellipse
 from ngfsi_geometry.segment import MeshSettings, VeinSegment
 from ngfsi_geometry.tube import BareTube, TubeSegment
 from ngsolve import BND, CF, H1, Grad, GridFunction, Integrate, Mesh, specialcf, x, y, z
@@ -421,3 +422,13 @@ def test_an_oval_vein_of_the_calf() -> None:
     said = r"wall and fibula overlap by 0\.9\d+ mm: wall_outer of 21\.9 by 8\.21 mm, the longer axis at 45\.8 degrees"
     with pytest.raises(GeometryError, match=said):
         CalfSegment(aspect_ratio=3.2, oval_direction=0.8)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.7, 5.0])
+def test_the_length_of_an_ellipse(ratio: float) -> None:
+    """By the trapezoidal rule, which is exact to rounding for what is periodic."""
+    ellipse, angles = Ellipse("lumen", 1.0, 2.0, 3.0, ratio), np.linspace(0, 2 * np.pi, 4000, endpoint=False)
+    a, b = 3.0 * ratio**0.5, 3.0 / ratio**0.5
+    assert ellipse.length == pytest.approx(
+        np.hypot(a * np.sin(angles), b * np.cos(angles)).mean() * 2 * np.pi, rel=1e-9
+    )

@@ -14,6 +14,7 @@ from ngfsi_geometry.channel import (
     ElasticChannel,
     StraightChannel,
 )
+from ngsolve import Integrate
 
 from tests.vein import domain_of
 
@@ -45,3 +46,16 @@ def test_a_beam_alone_has_no_vessel() -> None:
     geometry = Beam(mesh=COARSE)
     assert geometry.vessels == ()
     assert domain_of(geometry).regions == ("solid",)
+
+
+@pytest.mark.parametrize(
+    "geometry", [CylinderInChannel(mesh=COARSE), CylinderInDuct(mesh=COARSE, layers=1), StraightChannel()]
+)
+def test_inflow_has_unit_mean(geometry: Any) -> None:
+    """Over the inlet, where it is zero at the walls and positive between them."""
+    domain = domain_of(geometry)
+    inlet, profile = domain.ds("inlet", bonus_intorder=6), geometry.inflow()
+    mean = Integrate(profile[0] * inlet, domain.mesh) / domain.area("inlet")
+    assert mean == pytest.approx(1.0, rel=1e-9)
+    square = Integrate(profile[0] ** 2 * inlet, domain.mesh) / domain.area("inlet")
+    assert square == pytest.approx(1.2 ** (domain.mesh.dim - 1), rel=1e-9)
