@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import netgen.occ as occ
 import ngsolve as ng
 import numpy as np
 import pytest
+import vtk
+from ngfsi_geometry import external
 from ngfsi_geometry.external import ExternalMesh
 from ngfsi_geometry.segment import MeshSettings
 from ngfsi_geometry.tube import TubeSegment
@@ -355,3 +358,32 @@ def test_openings_must_be_flat(tmp_path: Path, share: float, flat: bool) -> None
     else:
         with pytest.raises(GeometryError, match=r"the inlet of .* mm off its plane, more than 1\.5% of its radius"):
             external_of(tmp_path / "tube.vtu", points, rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "cell"),
+    [
+        ("triangle6", vtk.vtkQuadraticTriangle()),
+        ("quad8", vtk.vtkQuadraticQuad()),
+        ("tetra10", vtk.vtkQuadraticTetra()),
+        ("wedge15", vtk.vtkQuadraticWedge()),
+        ("hexahedron20", vtk.vtkQuadraticHexahedron()),
+    ],
+)
+def test_edges_and_faces_are_those_of_vtk(name: str, cell: Any) -> None:
+    """Middle nodes of VTK's reference cells lie between the corners of the edges, in their order; faces go around."""
+    kind = external.KINDS[name]
+    for number in range(cell.GetNumberOfPoints()):
+        cell.GetPointIds().SetId(number, number)
+    nodes = np.reshape([cell.GetParametricCoords()[i] for i in range(3 * cell.GetNumberOfPoints())], (-1, 3))
+    assert len(nodes) == kind.corners + len(kind.edges)
+    assert nodes[kind.corners :] == pytest.approx(nodes[list(kind.edges)].mean(axis=1), abs=1e-12)
+    corners = [[cell.GetFace(i).GetPointId(j) for j in range(cell.GetFace(i).GetNumberOfPoints())]
+               for i in range(cell.GetNumberOfFaces())]  # fmt: skip
+    assert {frozenset(n for n in face if n < kind.corners) for face in corners} == {*map(frozenset, kind.faces)}
+    edges = {*map(frozenset, kind.edges)}
+    assert all(frozenset(pair) in edges for face in kind.faces for pair in pairwise((*face, face[0])))
+    if kind.faces:
+        low = nodes[: kind.base]
+        assert low[:, 2] == pytest.approx(np.zeros(kind.base), abs=1e-12)
+    assert {*map(frozenset, kind.other_edges)} in (set(), edges)
