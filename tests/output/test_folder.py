@@ -69,6 +69,7 @@ def test_manifest_merges_tables_and_keeps_a_readable_state(tmp_path: Path) -> No
     assert (started.status, started.series, started.costs) == ("running", {}, {})
     assert started.manifest["case_digest"] == CASE.digest
     assert {"ngfsi", "ngsolve", "numpy", "python"} <= set(started.manifest["versions"])
+    assert {"started", "commit", "machine"} <= set(started.manifest)
     folder.update_manifest(mesh={"elements": np.int64(7)}, seconds={"mesh": 1.0})
     folder.update_manifest(seconds={"steps": np.float64(2.5)})
     folder.finish("failed", "it did not converge")
