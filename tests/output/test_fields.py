@@ -9,12 +9,13 @@ import ngsolve as ng
 import numpy as np
 import pytest
 import pyvista as pv
+import vtk
 from ngfsi_geometry.calf import CalfSegment
 from ngfsi_geometry.segment import MeshSettings
 
 from ngfsi.errors import OutputError
 from ngfsi.mesh.domain import Domain
-from ngfsi.store.fields import DEFORMATION, STRESS, FieldWriter
+from ngfsi.store.fields import DEFORMATION, MIRRORED, STRESS, FieldWriter
 from ngfsi.store.stored import StoredRun
 from tests.output.fake import GEOMETRY, INFLATION, domain, wall_sample
 
@@ -102,3 +103,16 @@ def test_invariants_of_the_tensors(tmp_path: Path) -> None:
     np.testing.assert_allclose(grid["hydrostatic_pressure_Pa"], -1e3, rtol=1e-5)
     np.testing.assert_allclose(grid["principal_stresses_Pa"], np.tile([5e3, 1e3, -3e3], (count, 1)), rtol=1e-5)
     np.testing.assert_allclose(grid["principal_stretches_1"], np.tile([1.3, 1.1, 0.8], (count, 1)), rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", MIRRORED)
+def test_mirrored_cells(name: str) -> None:
+    """The order of nodes mirrors VTK's reference cell as a whole, middle nodes included."""
+    cell = vtk.vtkGenericCell.InstantiateCell(getattr(pv.CellType, name))
+    nodes = np.reshape([cell.GetParametricCoords()[i] for i in range(3 * cell.GetNumberOfPoints())], (-1, 3))
+    mirrored = nodes[MIRRORED[name]]
+    place = np.column_stack([nodes, np.ones(len(nodes))])
+    motion, _, dimension, _ = np.linalg.lstsq(place, mirrored, rcond=None)
+    assert place @ motion == pytest.approx(mirrored, abs=1e-12)
+    turns = motion[: dimension - 1, : dimension - 1]
+    assert np.linalg.det(turns) == pytest.approx(-1.0, rel=1e-9)

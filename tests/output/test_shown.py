@@ -596,7 +596,7 @@ def test_figures_of_studies(run: StoredRun, series: Table, monkeypatch: pytest.M
     x, y, spread = np.array([2e3, 3e3]), np.array([0.1, 0.4]), np.array([0.01, 0.02])
     of_studies.lines({"one": [of_studies.Line("a", x, y, spread=spread)]}, axes, tmp_path / "a.png")
     figures.convergence({"one": [figures.Convergence("a", x, y, 1.0)]}, tmp_path / "b.png", axes, {"one": 0.2})
-    figures.stacked_bars({"a": {"b": 0.25}}, axes[1], tmp_path / "c.png")
+    figures.stacked_bars({"a": {"b": 0.25}, "c": {"b": 0.5}}, axes[1], tmp_path / "c.png")
     group = of_studies.Group("odd", run)
     of_studies.time_series([group], lambda r: r.series["p_wall_mean_Pa"], Shown("pressure", "kPa"), tmp_path / "d.png",
                            comparison=("b", lambda r: r.series["sawss_Pa"]), values=[(1.5e3, "level")])  # fmt: skip
@@ -624,7 +624,7 @@ def test_figures_of_studies(run: StoredRun, series: Table, monkeypatch: pytest.M
                 np.testing.assert_allclose(sizes[0] * np.asarray(line.get_xdata()), curve[0], rtol=1e-9)
             if curve is not None:
                 np.testing.assert_allclose(sizes[1] * np.asarray(line.get_ydata()), curve[1], rtol=1e-9)
-    assert [bar.get_height() for bar in made[2][1].patches] == [25.0]
+    assert [(bar.get_y(), bar.get_height()) for bar in made[2][1].patches] == [(0.0, 25.0), (25.0, 50.0)]
     (bars,) = made[0][1].collections
     np.testing.assert_allclose([np.ptp(part[:, 1]) for part in bars.get_segments()], [2.0, 4.0])
     for line, (u, v) in zip(np.ravel(made[5][1])[0].get_lines(), rings, strict=True):
