@@ -213,6 +213,7 @@ def test_resistance(distal: float) -> None:
     system = solved(2, inlet=flow(FLOW), outlet=ResistanceOpening(resistance=resistance, distal_pressure=behind))
     outlet: Any = system.conditions["outlet"]
     beyond = float(system.named(system.state)["outlet_pressure"].vec[0])
+    assert system.blood_density.Get() == RHO  # it grew while the flow was found
     assert outlet.outflow() == pytest.approx(FLOW, rel=1e-6)
     assert beyond == pytest.approx(resistance * outlet.outflow(), rel=1e-8)
     at_outlet, at_inlet = (mean(system, system.blood_pressure(), name) for name in ("outlet", "inlet"))

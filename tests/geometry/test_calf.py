@@ -424,7 +424,7 @@ def test_an_oval_vein_of_the_calf() -> None:
         CalfSegment(aspect_ratio=3.2, oval_direction=0.8)
 
 
-@pytest.mark.parametrize("ratio", [1.0, 1.7, 5.0])
+@pytest.mark.parametrize("ratio", [1.0, 2.0, 5.0])
 def test_the_length_of_an_ellipse(ratio: float) -> None:
     """By the trapezoidal rule, which is exact to rounding for what is periodic."""
     ellipse, angles = Ellipse("lumen", 1.0, 2.0, 3.0, ratio), np.linspace(0, 2 * np.pi, 4000, endpoint=False)

@@ -12,7 +12,7 @@ import pytest
 import ngfsi
 from ngfsi.errors import OutputError
 from ngfsi.store import RunFolder, open_run
-from ngfsi.store.folder import outline_rows
+from ngfsi.store.folder import STOP, outline_rows
 from ngfsi.store.provenance import commit
 from ngfsi.store.table import TableWriter, read_table, write_parquet, write_rows
 from tests.output.fake import CASE
@@ -78,6 +78,9 @@ def test_manifest_merges_tables_and_keeps_a_readable_state(tmp_path: Path) -> No
     assert ended.manifest["seconds"] == {"mesh": 1.0, "steps": 2.5}
     assert ended.manifest["mesh"] == {"elements": 7}
     assert ended.case == CASE
+    (folder.path / STOP).touch()
+    again = open_run(RunFolder.reopen(folder.path, CASE, None).path)
+    assert (again.status, again.manifest["reason"], (folder.path / STOP).exists()) == ("running", "", False)
     assert "failed: it did not converge" in (folder.path / "run.log").read_text(encoding="utf-8")
     assert sorted(path.name for path in folder.path.iterdir()) == ["case.toml", "manifest.json", "run.log"]
 
