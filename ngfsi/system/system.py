@@ -274,16 +274,17 @@ class System:
             terms.fluid_stress_work(self.blood, k, f.grad_velocity, f.pressure, ng.Grad(v)),
             terms.incompressibility(k, f.grad_velocity, self._test[PRESSURE]),
         ]
-        stiffness = self.case.discretisation.extension_stiffness
-        if self.case.conditions.contact:
-            pass  # its medium moves the mesh
-        elif self.case.discretisation.mesh_motion == "harmonic":
-            inside.append(terms.harmonic_extension(stiffness, f.grad_motion, ng.Grad(v_mesh)))
-        else:
-            stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
-            inside.append(terms.elastic_extension(stiffness, k, ng.Grad(v_mesh)))
+        if not self.case.conditions.contact:  # whose medium moves the mesh
+            inside.append(self._extension(k, f.grad_motion, ng.Grad(v_mesh)))
         points = self._rules(2 * self.unknowns.order + EXTRA_ORDER)
         return [Integral(inside, self.domain.dx(*self.domain.lumens, intrules=points, definedonelements=elements))]
+
+    def _extension(self, k: Kinematics, grad_m: Any, grad_v: Any) -> Any:
+        stiffness = self.case.discretisation.extension_stiffness
+        if self.case.discretisation.mesh_motion == "harmonic":
+            return terms.harmonic_extension(stiffness, grad_m, grad_v)
+        stiffness *= (self.domain.geometry.size / ng.specialcf.mesh_size) ** 2
+        return terms.elastic_extension(stiffness, k, grad_v)
 
     # ---------------------------------------------------------------- state, conditions, rates
 
