@@ -18,6 +18,7 @@ from ngfsi_studies.closing_vein import (
     pressure_of_closure,
     steady_ratio,
 )
+from ngfsi_studies.source_page import DOCS, stored
 
 from ngfsi.units import MMHG
 
@@ -76,3 +77,25 @@ def test_the_page_says_what_was_found() -> None:
     assert found["BMC Musculoskelet Disord", "86 to 95"] == ["20 to 70", "no"]
     assert found["Partsch and Partsch", "20 to 25"] == ["30 to 40", "no"]
     assert found["Downie et al.", "490 to 650"] == ["40 to 800", "yes"]
+
+
+def test_the_numbers_of_a_vein_are_those_of_its_last_row_over_its_first() -> None:
+    series = {
+        "lumen_area_mean_m2": np.array([4.0, 3.0, 1.0]),
+        "sawss_Pa": np.array([0.2, 1.9, 0.9]),
+        "detF_min_wall_1": np.array([1.0, 0.4, 0.5]),
+        "detF_min_fluid_1": np.array([1.0, 0.7, 0.45]),
+    }
+    run: Any = SimpleNamespace(series=series)
+    found = closing_vein.result(BASE, run, None)
+    assert (found.loss_1, found.sawss_start_Pa, found.least_detf_1) == pytest.approx((0.75, 0.2, 0.4), rel=1e-12)
+    assert found.sawss_ratio_1 == pytest.approx(4.5, rel=1e-12)
+    assert np.isnan([found.closed_Pa, found.flow_left_1, found.steady_ratio_1]).all()
+
+
+def test_the_stored_report_is_that_of_the_stored_numbers() -> None:
+    results = {row["key"]: Result(**row) for row in stored("closing_vein/results.csv")}
+    assert set(results) == set(POINTS)
+    text = (DOCS / "closing_vein" / "report.md").read_text(encoding="utf-8")
+    for part in (closing_vein.answer, closing_vein.table, closing_vein.comparison):
+        assert part(results) in text
