@@ -253,10 +253,9 @@ class Reach:
         """
         lines = self.tests[mutant.path]
         reaching = lines[mutant.line]
-        if mutant.line not in _in_functions(
-            mutant.path
-        ):  # carried out by whoever imports it first: any user may notice
-            reaching = reaching.union(*(lines[line] for line in _in_functions(mutant.path) if line in lines))
+        inside = _in_functions(mutant.path)
+        if mutant.line not in inside:  # carried out by whoever imports it first: any user may notice
+            reaching = reaching.union(*(lines[line] for line in inside if line in lines))
         if not reaching:
             reaching = {test for test in self.seconds if test.startswith(f"{ELSEWHERE}::")}
         modules = {test.split("::")[0] for test in reaching}

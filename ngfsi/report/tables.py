@@ -7,9 +7,17 @@ from typing import Any
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in Markdown, the first column aligned left, the others right."""
+    """Return a table in Markdown, the first column aligned left, the others right.
+
+    Raises:
+        ValueError: a row has not a cell for each column.
+    """
     lines = [_line(head), _line(["---", *(["---:"] * (len(head) - 1))])]
-    return "\n".join([*lines, *(_line(row) for row in rows)]) + "\n"
+    for row in rows:
+        if len(row) != len(head):
+            raise ValueError(f"a row of {len(row)} cells below a head of {len(head)}: {[*head]}, {[*row]}")
+        lines.append(_line(row))
+    return "\n".join(lines) + "\n"
 
 
 def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

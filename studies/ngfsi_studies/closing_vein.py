@@ -38,8 +38,6 @@ RATIO = 3.2
 """Of the oval vein's axes: an example. What it was in the legs of those who were measured is not printed."""
 WALL = load_set("vein_wall").replace(label="")
 """Its constants are varied, so that the name of the set does not stay."""
-FLOW = 2.913e-6
-"""Of the blood at rest (m3/s)."""
 CAPILLARIES = 15 * MMHG
 """By how much the pressure behind the resistance that feeds the vein exceeds that of its outlet (Pa)."""
 CLOSED = 0.1
@@ -119,7 +117,7 @@ def closing_case(key: str, level: Level) -> Case:
     """
     rise, end = case(key, level), POINTS[key].closes
     known: Any = rise.loads.outlet_pressure
-    source = {"kind": "resistance", "resistance_Pa_s_m3": CAPILLARIES / FLOW,
+    source = {"kind": "resistance", "resistance_Pa_s_m3": CAPILLARIES / rise.loads.inlet_flow(0.0),
               "distal_pressure": {"kind": "constant", "value_Pa": known.value + CAPILLARIES}}  # fmt: skip
     step = from_si(level.pressure_step, "mmHg")
     return rise.replace(**{
@@ -239,7 +237,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
 
 
 def numerical_error(results: Mapping[str, Result], name: str) -> float:
-    """Return the estimated error of a number of the oval vein: the sum of its changes with mesh, step and gap."""
+    """Return the estimated error of a number of the oval vein: the sum of its changes with order, step and gap."""
     others = [results[key] for key, point in POINTS.items() if point.numerical and key in results]
     return float(sum(abs(getattr(one, name) - getattr(results[BASE], name)) for one in others))
 
@@ -286,15 +284,8 @@ LOSS, SHEAR, CLOSURE = (Shown(name, unit) for name, unit in (
 
 def table(results: Mapping[str, Result]) -> str:
     """Return all veins."""
-    head = (
-        "vein",
-        LOSS.label,
-        SHEAR.label,
-        "SAWSS at the end over that",
-        CLOSURE.label,
-        "flow left then",
-        "least det F",
-    )
+    head = ("vein", LOSS.label, SHEAR.label, "SAWSS at the end over that", "in steady flow", CLOSURE.label,
+            "flow left then", "least det F")  # fmt: skip
     cells = [
         (
             POINTS[one.key].title, f"{LOSS(one.loss_1):.1f}", f"{SHEAR(one.sawss_start_Pa):.4f}",
