@@ -109,7 +109,7 @@ def outlines(groups: Sequence[Group], times: tuple[float, float], path: Path) ->
         times: before and after [s]; the stored outlines nearest to them are drawn.
         path: file to write.
     """
-    figure, panels, columns = new_panels(len(groups), 4, (2.9, 3.1), (0.4, 0.5))
+    figure, panels, columns = new_panels(len(groups), 4, (2.9, 3.7), (0.4, 0.5))
     for panel, group in zip(panels, groups, strict=False):
         _outline_panel(panel, group, times)
     _share_frame(panels[: len(groups)])
