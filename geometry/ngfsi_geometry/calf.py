@@ -116,7 +116,7 @@ class CalfSegment(VeinSegment):
     def _weight(self, x: Any, y: Any, clip: Callable[[Any], Any], root: Callable[[Any], Any]) -> Any:
         """Return the weight of the taper at (x, y), numbers, arrays or coefficient functions: twice differentiable."""
         weight: Any = 1.0
-        for body in (*self.outer_walls, *self.bones):
+        for body in (*self.outermost, *self.bones):
             room = self.skin_radius - hypot(body.x, body.y) - body.semi_axes[0]
             distance = root((x - body.x) * (x - body.x) + (y - body.y) * (y - body.y)) - body.semi_axes[0]
             t = clip((distance / room - STILL) / (1 - STILL))

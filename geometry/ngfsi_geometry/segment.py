@@ -79,7 +79,7 @@ class MeshSettings(ConfigModel):
 
 @dataclass(frozen=True)
 class StraightVein:
-    """A vein of circular or elliptic lumen along z, with a wall of even thickness.
+    """A vein of circular or elliptic lumen along z, with a wall of even thickness and perhaps a sheath around it.
 
     Attributes:
         number: 1 for the first of a segment, which has the plain names; the names of others end in it.
@@ -89,6 +89,7 @@ class StraightVein:
         aspect_ratio: of the lumen's axes.
         direction: of the longer axis, from x to y [rad].
         hollow: whether the lumen is a hole.
+        sheath_thickness: of the loose connective tissue around the wall [m]; 0: there is none.
     """
 
     number: int
@@ -99,6 +100,7 @@ class StraightVein:
     aspect_ratio: float = 1.0
     direction: float = 0.0
     hollow: bool = False
+    sheath_thickness: float = 0.0
 
     def named(self, part: str) -> str:
         """Return the name of a part of this vein."""
@@ -114,15 +116,29 @@ class StraightVein:
         """Outer surface of the wall as it is meshed; around an oval lumen `thickening` makes the wall even."""
         return self.interface.wider(self.named("wall_outer"), self.wall_thickness)
 
-    def thickening(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return the displacement [m] that takes the meshed outer surface to the curve parallel to the lumen's."""
-        (a, b), (A, B) = self.interface.semi_axes, self.wall_outer.semi_axes
-        along, across = self.wall_outer.local(x, y)
+    @property
+    def coats(self) -> dict[str, tuple[Ellipse, float]]:
+        """Region around the lumen -> its outer surface as meshed, and the distance [m] of that from the lumen."""
+        found = {self.named("wall"): (self.wall_outer, self.wall_thickness)}
+        if self.sheath_thickness:
+            distance = self.wall_thickness + self.sheath_thickness
+            found[self.named("sheath")] = self.interface.wider(self.named("sheath_outer"), distance), distance
+        return found
+
+    @property
+    def outermost(self) -> Ellipse:
+        """Border to the tissue: the outer surface of the sheath, without one of the wall."""
+        return [surface for surface, _ in self.coats.values()][-1]
+
+    def thickening(self, surface: Ellipse, distance: float, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return the displacement [m] that takes a meshed surface to the curve at a distance [m] from the lumen."""
+        (a, b), (A, B) = self.interface.semi_axes, surface.semi_axes
+        along, across = surface.local(x, y)
         length = (along * along / A**2 + across * across / B**2) ** 0.5
         cosine, sine = along / (A * length), across / (B * length)
         normal = ((b * cosine) ** 2 + (a * sine) ** 2) ** 0.5
-        u = (a + self.wall_thickness * b / normal) * cosine - along
-        v = (b + self.wall_thickness * a / normal) * sine - across
+        u = (a + distance * b / normal) * cosine - along
+        v = (b + distance * a / normal) * sine - across
         c, s = cos(self.direction), sin(self.direction)
         return c * u - s * v, s * u + c * v
 
@@ -130,15 +146,18 @@ class StraightVein:
     def ends(self) -> dict[str, tuple[str, str]]:
         """Region -> boundary names of its faces at z = 0 and z = length."""
         blood = {} if self.hollow else {"fluid": ("inlet", "outlet")}
-        pairs = blood | {"wall": ("wall_bottom", "wall_top")}
+        coats = ("wall", "sheath") if self.sheath_thickness else ("wall",)
+        pairs = blood | {region: (f"{region}_bottom", f"{region}_top") for region in coats}
         return {self.named(region): (self.named(low), self.named(high)) for region, (low, high) in pairs.items()}
 
     def layers(self, mesh: MeshSettings) -> list[tuple[Ellipse, str]]:
-        """Return the ellipses inside the outer wall surface, from outside inwards, with the region outside each."""
+        """Return the ellipses inside the outermost surface, from outside inwards, with the region outside each."""
         fractions = np.arange(mesh.wall_layers - 1, 0, -1) / mesh.wall_layers
         wall = [self.interface.wider("wall_layer", float(f) * self.wall_thickness) for f in fractions]
         lumen = [self.interface.scaled("lumen_layer", f) for f in (() if self.hollow else mesh.lumen_radii)]
-        return [(c, self.named("wall")) for c in (*wall, self.interface)] + [(c, self.named("fluid")) for c in lumen]
+        sheath = [(self.wall_outer, self.named("sheath"))] if self.sheath_thickness else []
+        walls = [(c, self.named("wall")) for c in (*wall, self.interface)]
+        return sheath + walls + [(c, self.named("fluid")) for c in lumen]
 
     def vessel(self, length: float, outer: bool) -> Vessel:
         """Return what a geometry says of this vein; outer: whether there is tissue around it."""
@@ -176,6 +195,9 @@ class VeinSegment(ConfigModel):
     )
     oval_direction: Angle = Field(0.0, description="of the ellipse's longer axis, from x (lateral) to y (anterior)")
     wall_thickness: Length = Field(1e-3, gt=0, description="thickness of the vein wall; source study: 1 mm")
+    sheath_thickness: Length = Field(
+        0.0, ge=0, description="thickness of a layer of loose connective tissue around the wall, the region sheath"
+    )
     vein_x: Length = Field(0.0, description="lateral position of the vein's axis")
     vein_y: Length = Field(0.0, description="anterior position of the vein's axis")
     hollow: bool = Field(
@@ -199,7 +221,8 @@ class VeinSegment(ConfigModel):
         """All veins, the first one of `lumen_diameter` at (`vein_x`, `vein_y`)."""
         place = self.vein_x, self.vein_y
         shape = self.aspect_ratio, self.oval_direction
-        return (StraightVein(1, *place, self.lumen_radius, self.wall_thickness, *shape, self.hollow),)
+        sizes = self.lumen_radius, self.wall_thickness
+        return (StraightVein(1, *place, *sizes, *shape, self.hollow, self.sheath_thickness),)
 
     @property
     def vessels(self) -> tuple[Vessel, ...]:
@@ -209,7 +232,7 @@ class VeinSegment(ConfigModel):
     @property
     def solids(self) -> tuple[str, ...]:
         """Names of the regions of the solids."""
-        return "tissue", *(vein.named("wall") for vein in self.veins)
+        return "tissue", *(region for vein in self.veins for region in vein.coats)
 
     @property
     def lumen_radius(self) -> float:
@@ -255,9 +278,9 @@ class VeinSegment(ConfigModel):
         return self.veins[0].wall_outer
 
     @property
-    def outer_walls(self) -> tuple[Ellipse, ...]:
-        """Outer surfaces of the walls of all veins."""
-        return tuple(vein.wall_outer for vein in self.veins)
+    def outermost(self) -> tuple[Ellipse, ...]:
+        """Borders of all veins to the tissue."""
+        return tuple(vein.outermost for vein in self.veins)
 
     @property
     def ends(self) -> dict[str, tuple[str, str]]:
@@ -268,8 +291,9 @@ class VeinSegment(ConfigModel):
     @property
     def surface_names(self) -> tuple[str, ...]:
         """Boundaries along z."""
-        outer = self.outer_walls if "tissue" in self.solids else ()
-        return tuple(one.name for one in (self.skin, *self.bones, *outer, *(vein.interface for vein in self.veins)))
+        outer = [surface for vein in self.veins for surface, _ in vein.coats.values()]
+        coats = outer if "tissue" in self.solids else ()
+        return tuple(one.name for one in (self.skin, *self.bones, *coats, *(vein.interface for vein in self.veins)))
 
     @property
     def boundary_names(self) -> tuple[str, ...]:
@@ -284,7 +308,7 @@ class VeinSegment(ConfigModel):
     def shape_map(self) -> Any:
         """Return the displacement from the meshed shape to the reference shape, or None if they are the same.
 
-        Around an oval vein the outer surface of the wall moves to an even distance from the lumen.
+        Around an oval vein the outer surfaces of wall and sheath move to an even distance from the lumen.
         """
         oval = [vein for vein in self.veins if vein.aspect_ratio > 1]
         if not oval:
@@ -293,8 +317,9 @@ class VeinSegment(ConfigModel):
 
         motions = dict.fromkeys(self.surface_names, CF((0, 0, 0)))
         for vein in oval:
-            outer = vein.wall_outer.name if "tissue" in self.solids else self.skin.name
-            motions[outer] = CF((*vein.thickening(x, y), 0))
+            for surface, distance in vein.coats.values():
+                outer = surface.name if "tissue" in self.solids else self.skin.name
+                motions[outer] = CF((*vein.thickening(surface, distance, x, y), 0))
         return BoundaryMotion(motions)
 
     def exact_volumes(self) -> dict[str, float]:
@@ -302,13 +327,14 @@ class VeinSegment(ConfigModel):
         found: dict[str, float] = {}
         holes = []
         for vein in self.veins:
-            lumen = pi * vein.lumen_radius**2
-            # Steiner's formula for parallel curves
-            outer = lumen + vein.interface.length * vein.wall_thickness + pi * vein.wall_thickness**2
-            found[vein.named("wall")] = (outer - lumen) * self.length
+            lumen = inside = pi * vein.lumen_radius**2
             if not self.hollow:
                 found[vein.named("fluid")] = lumen * self.length
-            holes.append(outer)
+            for region, (_, distance) in vein.coats.items():
+                # Steiner's formula for parallel curves
+                outer = lumen + vein.interface.length * distance + pi * distance**2
+                found[region], inside = (outer - inside) * self.length, outer
+            holes.append(inside)
         holes += [pi * bone.radius**2 for bone in self.bones]
         tissue = {"tissue": self.skin_volume() - sum(holes) * self.length} if "tissue" in self.solids else {}
         return tissue | found
@@ -334,11 +360,11 @@ class VeinSegment(ConfigModel):
     def _section(self, factor: float) -> SectionMesh:
         """Return the mesh of the cross-section, its element sizes multiplied by a factor."""
         far, near = self.mesh.far_size * factor, self.mesh.vein_size * factor
-        loops = [(vein.wall_outer, even_angles(self._vein_segments(vein, near))) for vein in self.veins]
+        loops = [(vein.outermost, even_angles(self._vein_segments(vein, near))) for vein in self.veins]
         loops += [(circle, even_angles(self._segments(circle, near, far))) for circle in (*self.bones, self.skin)]
         section = triangulate("tissue", loops, far)
         for vein in self.veins:
-            section = self._filled(section, vein, vein.wall_outer.name)
+            section = self._filled(section, vein, vein.outermost.name)
         return section
 
     def _filled(self, section: SectionMesh, vein: StraightVein, hole: str) -> SectionMesh:
@@ -354,15 +380,18 @@ class VeinSegment(ConfigModel):
         for vein in self.veins:
             if not self.hollow:
                 regions[vein.named("fluid")] = (vein.interface, ())
-            regions[vein.named("wall")] = (vein.wall_outer if tissue else self.skin, (vein.interface,))
+            inside = vein.interface
+            for region, (surface, _) in vein.coats.items():
+                regions[region] = (surface if tissue else self.skin, (inside,))
+                inside = surface
         if tissue:
-            regions["tissue"] = (self.skin, (*self.outer_walls, *self.bones))
+            regions["tissue"] = (self.skin, (*self.outermost, *self.bones))
         return mesh_of_solids(regions, self.ends, self.length)
 
     @model_validator(mode="after")
     def _check_positions(self) -> VeinSegment:
         """Refuse parts that overlap, leave the skin or nearly touch."""
-        inner = (*self.outer_walls, *self.bones)
+        inner = (*self.outermost, *self.bones)
         gaps = [(a, b, a.beside(b)) for a, b in combinations(inner, 2)]
         gaps += [(a, self.skin, a.inside(self.skin)) for a in inner]
         for a, b, gap in gaps:
@@ -388,7 +417,7 @@ class VeinSegment(ConfigModel):
     @model_validator(mode="after")
     def _check_sizes(self) -> VeinSegment:
         """Refuse elements so small that no computer could hold them."""
-        veins = [(circle, self.mesh.vein_size) for circle in self.outer_walls]
+        veins = [(circle, self.mesh.vein_size) for circle in self.outermost]
         for circle, size in ((self.skin, self.mesh.far_size), *veins):
             if 2 * pi * circle.radius > MOST_EDGES * size:
                 raise ValueError(f"elements of {size * 1e3:.3g} mm would be more than {MOST_EDGES:,} edges on a circle")
@@ -396,8 +425,8 @@ class VeinSegment(ConfigModel):
 
     def _vein_segments(self, vein: StraightVein, size: float) -> int:
         """Return the (even) number of edges around a vein: short enough for arcs to stay within thin layers."""
-        outer = vein.wall_outer
-        size = min([size, *(2 * outer.gap(other) for other in self.outer_walls if other != outer)])
+        outer = vein.outermost
+        size = min([size, *(2 * outer.gap(other) for other in self.outermost if other != outer)])
         segments = vein.interface.length / size
         if vein.aspect_ratio > 1:
             segments = max(segments, EDGES_OF_AN_OVAL * vein.aspect_ratio)
@@ -414,8 +443,8 @@ class VeinSegment(ConfigModel):
 
     def _segments(self, circle: Ellipse, near: float, far: float) -> int:
         """Return the number of edges on a circle: elements grow with the distance to veins, gaps are resolved."""
-        others = [c for c in (self.skin, *self.bones, *self.outer_walls) if c != circle]
-        to_vein = min(circle.gap(outer) for outer in self.outer_walls)
+        others = [c for c in (self.skin, *self.bones, *self.outermost) if c != circle]
+        to_vein = min(circle.gap(outer) for outer in self.outermost)
         size = min(far, near + 0.5 * to_vein, *(2 * circle.gap(c) for c in others))
         return max(8, ceil(2 * pi * circle.radius / size))
 
@@ -427,6 +456,7 @@ def smooth_step(t: Any) -> Any:
 
 def _collision(a: Ellipse, b: Ellipse, gap: float) -> str:
     parts = f"{a.name} and {b.name}".replace("wall_outer_", "wall of vein ").replace("wall_outer", "vein wall")
+    parts = parts.replace("sheath_outer", "vein sheath")
     where = "; ".join(f"{one.name} {_size(one)} at ({one.x * 1e3:g}, {one.y * 1e3:g}) mm" for one in (a, b))
     if gap <= 0:
         return f"{parts} overlap by {-gap * 1e3:.3g} mm: {where}"

@@ -54,4 +54,6 @@ class BareTube(TubeSegment):
     @model_validator(mode="after")
     def _check_positions(self) -> BareTube:
         """Accept any size: there is nothing beside the wall."""
+        if self.sheath_thickness:
+            raise ValueError("a tube of wall alone has no sheath: leave out sheath_thickness, or use the type tube")
         return self

@@ -57,6 +57,7 @@ class Materials(ConfigModel):
 
     tissue: SolidMaterial | None = None
     wall: SolidMaterial | None = None
+    sheath: SolidMaterial | None = None
     solid: SolidMaterial | None = None
     """The one solid of a plane benchmark."""
     fat: SolidMaterial | None = None

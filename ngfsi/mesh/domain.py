@@ -29,7 +29,7 @@ LARGEST_VOLUME_ERROR = 0.01
 STRAIGHTENING = 10
 """Steps of Newton's method; five reach rounding in a vein that has collapsed."""
 NAME = re.compile(r"[a-z][a-z0-9_]*")
-END_FACE = re.compile(r"(tissue|wall)_(top|bottom)(_\d+)?")
+END_FACE = re.compile(r"(tissue|wall|sheath)_(top|bottom)(_\d+)?")
 """Names of end faces of solids."""
 
 

@@ -406,6 +406,30 @@ def test_further_veins_in_the_way_are_refused() -> None:
         CalfSegment(further_veins=(BESIDE[0], BESIDE[0]))
 
 
+@pytest.mark.parametrize("element", [*ELEMENTS, "csg"])
+def test_a_sheath_around_the_wall(element: Any) -> None:
+    """Of even thickness around an oval vein (csg: around a round one): its volume and that of what is around it."""
+    mesh = MeshSettings(element=element, axial_layers=1, far_size=12e-3, lumen_radii=(0.6,), curving_order=3)
+    ratio, t, d = (1.0 if element == "csg" else 2.0), 1e-3, 2.5e-3
+    geometry = TubeSegment(
+        length=10e-3, lumen_diameter=10e-3, aspect_ratio=ratio, sheath_thickness=d - t, vein_x=2e-3, mesh=mesh
+    )
+    domain, a, b = domain_of(geometry), 5e-3 * np.sqrt(ratio), 5e-3 / np.sqrt(ratio)
+    wall, sheath = (steiner(a, b, distance) for distance in (t, d))
+    exact = {"wall": wall - pi * a * b, "sheath": sheath - wall, "tissue": pi * geometry.outer_radius**2 - sheath}
+    assert domain.regions == ("tissue", "wall", "sheath", "fluid")
+    for region, area in exact.items():
+        assert domain.volume(region) == pytest.approx(area * 10e-3, rel=2e-3), region
+        assert geometry.exact_volumes()[region] == pytest.approx(area * 10e-3, rel=1e-9), region
+    perimeter = (wall - pi * a * b - pi * t * t) / t
+    assert domain.area("sheath_outer") == pytest.approx((perimeter + 2 * pi * d) * 10e-3, rel=2e-3)
+    assert {"sheath_bottom", "sheath_top"} < {*domain.ends}
+    with pytest.raises(GeometryError, match="a tube of wall alone has no sheath"):
+        BareTube(sheath_thickness=1e-3)
+    with pytest.raises(GeometryError, match="vein sheath and fibula overlap"):
+        CalfSegment(sheath_thickness=6e-3)
+
+
 def test_bare_tube_has_no_outer_wall() -> None:
     (vessel,), (of_tube,) = BareTube(length=10e-3).vessels, TubeSegment(length=10e-3).vessels
     assert (vessel.outer, of_tube.outer) == (None, "wall_outer")

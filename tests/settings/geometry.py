@@ -37,7 +37,7 @@ from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
 from tests.settings.physics import BEAM, FINE, SECTION
 from tests.settings.table import Outcome, entry
-from tests.vein import TUBE, case_of, domain_of
+from tests.vein import TISSUE, TUBE, case_of, domain_of, system_of
 
 
 @entry("Case.geometry")
@@ -69,6 +69,17 @@ def _sizes_of_a_tube() -> Outcome:
     geometry = TubeSegment(length=8e-3, lumen_diameter=9e-3, wall_thickness=1.5e-3, outer_radius=13e-3, mesh=FINE)
     areas = pi * np.array([4.5e-3**2, 6e-3**2 - 4.5e-3**2, 13e-3**2 - 6e-3**2])
     return [volume(geometry, region) for region in ("fluid", "wall", "tissue")], 8e-3 * areas
+
+
+@entry("VeinSegment.sheath_thickness", "Materials.sheath", rel=1e-3)
+def _sheath() -> Outcome:
+    """A region of its own around the wall, with its own material."""
+    sheathed = TubeSegment(length=8e-3, sheath_thickness=2e-3, mesh=FINE)
+    changes = {"geometry": sheathed, "materials.sheath": TISSUE.replace(density=900.0)}
+    system = system_of(case_of(TUBE).replace(**changes))
+    outer = sheathed.lumen_radius + sheathed.wall_thickness
+    found = [volume(sheathed, "sheath"), system.solids["sheath"].density]
+    return found, [pi * ((outer + 2e-3) ** 2 - outer**2) * 8e-3, 900.0]
 
 
 @entry("VeinSegment.hollow")

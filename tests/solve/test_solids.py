@@ -36,7 +36,7 @@ STATIC = TimeStepping(scheme="static", step=1.0, end=1.0)
 
 
 def case_of(geometry: Any = BAR, law: Any = SOFT, time: TimeStepping = STATIC, **changes: Any) -> Case:
-    materials = {name: law for name in ("tissue", "wall") if name in geometry.solids}
+    materials = {name: law for name in ("tissue", "wall", "sheath") if name in geometry.solids}
     loads = Loads(outlet_pressure=PressureConstant(value=0.0))
     return Case(name="solids", geometry=geometry, materials=Materials(**materials), loads=loads, time=time,
                 discretisation=Discretisation(order=2)).replace(**changes)  # fmt: skip
@@ -83,6 +83,23 @@ def test_small_strain_is_linear(tmp_path: Path) -> None:
     before, after = np.sqrt(found.series["lumen_area_mean_m2"] / np.pi)
     wanted = lame(BAR.lumen_radius, BAR.skin_radius, SOFT.young, SOFT.poisson, inside, outside)
     assert after - before == pytest.approx(wanted, rel=2e-3)
+
+
+def test_a_wall_in_a_sheath_in_tissue(tmp_path: Path) -> None:
+    """At large strain against the radial equilibrium of three layers, of which the middle one is the softest."""
+    mesh = MeshSettings(element="mixed", axial_layers=1, vein_size=6e-3, curving_order=3)
+    geometry = TubeSegment(
+        hollow=True, length=20e-3, lumen_diameter=10e-3, outer_radius=14e-3, sheath_thickness=3e-3, mesh=mesh
+    )
+    laws = {"wall": SOFT, "sheath": SOFT.replace(young=5e3), "tissue": SOFT.replace(young=20e3)}
+    found = stored(case_of(geometry, **{
+        "materials": Materials(**laws), "loads.outlet_pressure": PressureRamp(final=6e3, duration=1.0),
+        "discretisation.order": 3,
+    }), tmp_path)  # fmt: skip
+    layers = [Layer(law, radius) for law, radius in zip(laws.values(), (6e-3, 9e-3, 14e-3), strict=True)]
+    widened = np.sqrt(found.series["lumen_area_mean_m2"][-1] / np.pi) - 5e-3
+    assert widened > 0.2e-3
+    assert widened == pytest.approx(inner_displacement(5e-3, layers, 6e3), rel=2e-3)
 
 
 def top(found: StoredRun, time: float) -> Any:
