@@ -103,6 +103,11 @@ class Condition:
         """Whether the blood's terms are left out of the equations of the solids (one-way coupling)."""
         return False
 
+    def moves_mesh(self) -> bool:
+        """Whether it moves the mesh of the blood, in place of `discretisation.mesh_motion`, as a medium in equilibrium
+        with the wall: the same terms tested with the motion and with the velocity."""
+        return False
+
     def attach(self, setup: Setup) -> None:
         """Take what it acts on; its integrals are asked for afterwards. What overrides this calls it, too."""
         self._setup = setup

@@ -42,11 +42,14 @@ class Contact(Condition):
         self._domain = domain
         self._stiffness = PRESSED / terms.contact_pressure(model.residual_gap)
 
+    def moves_mesh(self) -> bool:
+        return True
+
     def integrals(self, elements: ng.BitArray | None) -> list[Integral]:
         """Return the work of the medium on the wall, and its equilibrium.
 
-        Inside of the lumen the former is the latter once more: that it is part of the blood's equations there changes
-        nothing.
+        Inside of the lumen the former is the latter once more, which changes nothing. On openings, whose plane holds
+        the medium, it is taken from the blood's equations again: see `Unknowns.less`.
         """
         return [*self._medium(MOTION, elements), *self.blood_integrals(elements)]
 

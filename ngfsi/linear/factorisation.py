@@ -26,7 +26,7 @@ class Factorisation:
     def __init__(
         self, form: ng.BilinearForm, free: Mask, backend: Name, equations: Numbers | None = None,
         watch: Stopwatch | None = None, levels: Callable[[], Levels] | None = None,
-        scale: Callable[[], Array] | None = None, ranks: Ranks = SERIAL,
+        scale: Callable[[], Array] | None = None, ranks: Ranks = SERIAL, less: tuple[Numbers, Numbers] | None = None,
     ) -> None:  # fmt: skip
         """Prepare.
 
@@ -36,12 +36,14 @@ class Factorisation:
             levels: returns those of p-multigrid, for a solver that iterates.
             scale: returns that of each unknown, in whose measure such a solver judges its error; default: 1.
             ranks: ranks of which each has a partition of the form, and which all call `renew` and `solve`.
+            less: unknowns from whose equations those of as many others, with entries in the same columns, are taken.
         """
         self.form, self.backend, self.count = form, backend, 0
         self._watch, self._ranks = watch or Stopwatch(), ranks
         self._equations = np.arange(form.space.ndof) if equations is None else equations
         self._solved = ng.BitArray(list(free & np.array(list(form.space.FreeDofs(form.condense)))))
         self._rows: tuple[Numbers, Numbers] | None = None
+        self._less = less if less is not None and len(less[0]) else None
         self._inverse: Any = None
         self._iterates = BACKENDS[backend].iterates
         self._levels, self._scale = levels, scale
@@ -80,15 +82,23 @@ class Factorisation:
         target, source = self._rows
         values = self.form.mat.AsVector().FV().NumPy()
         values[target] = values[source]
+        if self._less:
+            lessened, others = (self._entries(rows)[0] for rows in self._less)
+            values[lessened] -= values[others]
 
     def _moved_rows(self) -> tuple[Numbers, Numbers]:
         """Return where the entries of the rows that move are to be, and where they are."""
-        columns, starts = pattern(self.form.mat)
         moved = np.flatnonzero(self._equations != np.arange(len(self._equations)))
-        target, source = (ranges(starts[rows], starts[rows + 1]) for rows in (moved, self._equations[moved]))
-        if not np.array_equal(columns[target], columns[source]):
+        (target, columns), (source, others) = (self._entries(rows) for rows in (moved, self._equations[moved]))
+        if not np.array_equal(columns, others):
             raise SolverError("equations can be exchanged only between rows with entries in the same columns")
         return target, source
+
+    def _entries(self, rows: Numbers) -> tuple[Numbers, Numbers]:
+        """Return where the entries of rows are, one row after the other, and their columns."""
+        columns, starts = pattern(self.form.mat)
+        entries = ranges(starts[rows], starts[rows + 1])
+        return entries, columns[entries]
 
     @property
     def linear_iterations(self) -> int:
@@ -110,8 +120,10 @@ class Factorisation:
             values = residual.FV().NumPy()
             raw = residual.CreateVector()
             raw.FV().NumPy()[self._equations] = values
-            raw.data += self._of_all(self.form.harmonic_extension_trans * raw)
-            values[:] = raw.FV().NumPy()[self._equations]
+            condensed = self._of_all(self.form.harmonic_extension_trans * raw).FV().NumPy()[self._equations]
+            if self._less:
+                condensed[self._less[0]] -= condensed[self._less[1]]
+            values += condensed
             self._invert(residual, update)
             update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
 

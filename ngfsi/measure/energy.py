@@ -78,7 +78,7 @@ class Energy:
 
     def powers(self) -> dict[str, float]:
         """Return the power that each condition brings in (W), by its name."""
-        system, velocity = self.system, self._velocity()
+        system, unknowns, velocity = self.system, self.system.unknowns, self._velocity()
         lacking = np.array(system.residual().FV().NumPy())
         work = system.state.vec.CreateVector()
         found = {}
@@ -86,7 +86,7 @@ class Energy:
             power = self._of_prescribed(condition, lacking, velocity)
             if name in self._works:
                 self._works[name].Apply(system.state.vec, work)
-                power -= float(np.dot(work.FV().NumPy(), velocity))
+                power -= float(np.dot(unknowns.arranged(work.FV().NumPy()), velocity))
             found[name] = power
         return found
 
@@ -116,16 +116,17 @@ class Energy:
     def _of_prescribed(self, condition: Condition, lacking: Array, velocity: Any) -> float:
         """Return the power of the force that makes prescribed unknowns what they are."""
         numbers = condition.prescribed()
-        return float(np.dot(lacking[numbers], velocity[self.system.unknowns.equations[numbers]]))
+        return float(np.dot(lacking[numbers], velocity[numbers]))
 
     def _velocity(self) -> Array:
-        """Return the velocity of solids and blood as a function of the motion's space."""
+        """Return the velocity of solids and blood as a function of the motion's space, by the unknowns whose equations
+        are tested with it."""
         unknowns = self.system.unknowns
         velocity = np.zeros(unknowns.size)
         motion = unknowns.space.Range(0)
         velocity[: motion.stop] = self.system.rates()[: motion.stop]
         velocity[unknowns.blocks["e"]] += self.system.values[unknowns.blocks["w"]]
-        return velocity
+        return velocity[unknowns.equations]
 
     def _sum(self, integrals: list[Any]) -> float:
         return float(sum(ng.Integrate(integral, self.system.domain.mesh) for integral in integrals))

@@ -123,24 +123,25 @@ def elastic_extension(stiffness: CF, k: Kinematics, grad_v: CF) -> CF:
 
 
 def contact_medium(k: Kinematics, grad_v: CF) -> CF:
-    """P : grad v of the energy |cof F|^4 / J^3 of a medium that keeps the sides of a gap apart.
+    """P : grad v of the energy |cof F|^4 / J^3 + 3 J of a medium that keeps the sides of a gap apart.
 
-    With the motion from the deformed to the reference shape, y, it is |grad y|^4 for each deformed volume. It is
-    polyconvex, resists any flattening without bound, and hardly what else happens to the gap. For powers of 2 in place
-    of 4 its minimisers in the plane are one to one whenever the reference shape is convex, however bent the deformed
-    one is (T. Rado, H. Kneser and G. Choquet; A. M. Winslow's way to make meshes).
+    With the motion from the deformed to the reference shape, y, it is |grad y|^4 for each deformed volume, and a
+    constant which leaves the reference shape without stress. It is polyconvex, resists any flattening without bound,
+    and hardly what else happens to the gap. For powers of 2 in place of 4 its minimisers in the plane are one to one
+    whenever the reference shape is convex, however bent the deformed one is (T. Rado, H. Kneser and G. Choquet; A. M.
+    Winslow's way to make meshes).
     """
     F, H = in_3d(k.F, 1), in_3d(grad_v, 0)
     C, J = F.trans * F, Det(F)
     squared = (Trace(C) * Trace(C) - InnerProduct(C, C)) / 2
     varied = 2 * InnerProduct(Trace(C) * F - F * C, H)
-    return 2 * squared / J**3 * varied - 3 * squared**2 / J**4 * InnerProduct(Cof(F), H)
+    return 2 * squared / J**3 * varied + 3 * (1 - squared**2 / J**4) * InnerProduct(Cof(F), H)
 
 
 def contact_pressure(ratio: float) -> float:
     """Return the pressure of that medium between parallel sides at a ratio of their distance to that at the start."""
     squared = 1 + 2 * ratio**2
-    return 3 * squared**2 / ratio**4 - 8 * squared / ratio**2
+    return 3 * squared**2 / ratio**4 - 8 * squared / ratio**2 - 3
 
 
 def follower_pressure(pressure: CF, k: Kinematics, normal: CF, v: CF) -> CF:

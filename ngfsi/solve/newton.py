@@ -136,7 +136,7 @@ class Newton:
         self.factorisation = Factorisation(
             system.tangent, self.free, backend, system.unknowns.equations, system.watch,
             lambda: levels_of(system.domain, system.unknowns), lambda: self._scale_vector(system.block_scales()),
-            system.ranks,
+            system.ranks, system.unknowns.less,
         )  # fmt: skip
         self._factored_weight: float | None = None
         self._always = system.case.solver.linearise == "always"

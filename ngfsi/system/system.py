@@ -274,7 +274,7 @@ class System:
             terms.fluid_stress_work(self.blood, k, f.grad_velocity, f.pressure, ng.Grad(v)),
             terms.incompressibility(k, f.grad_velocity, self._test[PRESSURE]),
         ]
-        if not self.case.conditions.contact:  # whose medium moves the mesh
+        if not any(condition.moves_mesh() for condition in self.conditions.values()):
             inside.append(self._extension(k, f.grad_motion, ng.Grad(v_mesh)))
         points = self._rules(2 * self.unknowns.order + EXTRA_ORDER)
         return [Integral(inside, self.domain.dx(*self.domain.lumens, intrules=points, definedonelements=elements))]
@@ -361,7 +361,7 @@ class System:
             self.prescribe()
             with self.ranks.order("residual", self.changed_state):
                 values = self.apply()
-        values[:] = values[self.unknowns.equations]
+        values[:] = self.unknowns.arranged(values)
         return self._residual
 
     def apply(self) -> Array:

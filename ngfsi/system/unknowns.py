@@ -20,7 +20,7 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 
-from ngfsi.arrays import Mask, Numbers
+from ngfsi.arrays import Array, Mask, Numbers
 from ngfsi.conditions.condition import Condition
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain
@@ -49,6 +49,9 @@ class Unknowns:
             tested with all functions of the motion, the mesh motion with those of the velocity: so the traction of the
             blood acts on the solids, and the mesh motion cannot disturb it. Hence w and e, of equal functions, exchange
             their equations.
+        less: unknowns from whose equations, so exchanged, those of as many others are taken. A medium that moves the
+            mesh is part of the balance of momentum, by which it acts on the wall. Inside of the lumen it is in
+            equilibrium; where openings hold it in their plane it is not, and would press on the blood.
         scales: of the conditions' own numbers.
     """
 
@@ -59,6 +62,7 @@ class Unknowns:
     order: int
     solvable: Mask
     equations: Numbers
+    less: tuple[Numbers, Numbers]
     scales: dict[str, float]
 
     @classmethod
@@ -96,7 +100,7 @@ class Unknowns:
         none = np.zeros(0, dtype=np.int64)
         blocks = {"d": place[MOTION], "w": none, "p": none, "e": none}
         equations = np.arange(space.ndof)
-        on_opening = {}
+        on_opening, less = {}, (none, none)
         if lumens:
             inner = same_functions(domain, space.components[1], space.components[0], *lumens)
             if np.any(inner < 0):
@@ -107,12 +111,16 @@ class Unknowns:
             for name in given:
                 on = _mask(space.components[1].GetDofs(domain.boundaries(name)))
                 on_opening[name] = place[VELOCITY][on]
+            if any(condition.moves_mesh() for condition in conditions):
+                openings = domain.boundaries(*(name for vessel in domain.vessels for name in vessel.openings))
+                at_openings = place[VELOCITY][_mask(space.components[1].GetDofs(openings))]
+                less = at_openings, equations[at_openings]
         if STRETCH in parts:
             blocks["s"] = place[STRETCH]
         blocks |= {name: place[name] for name in scales}
         free = np.concatenate(masks)
         solvable = np.concatenate([free, np.ones(space.ndof - len(free), dtype=bool)])
-        return cls(space, tuple(parts), blocks, on_opening, order, solvable, equations, scales)
+        return cls(space, tuple(parts), blocks, on_opening, order, solvable, equations, less, scales)
 
     @property
     def size(self) -> int:
@@ -124,6 +132,12 @@ class Unknowns:
         """Names of the blocks that are solved for: all, but none of the motion where there are no solids."""
         still = () if len(self.blocks["d"]) and np.any(self.solvable[self.blocks["d"]]) else ("d", "e")
         return tuple(name for name, part in self.blocks.items() if len(part) and name not in still)
+
+    def arranged(self, values: Array) -> Array:
+        """Return values of the rows of a form with the equation of each unknown in its place."""
+        found: Array = values[self.equations]
+        found[self.less[0]] -= found[self.less[1]]
+        return found
 
     def place(self, field: str) -> int:
         """Return the number of a field among the components of the space."""

@@ -13,11 +13,13 @@ from ngfsi.conditions.contact import PRESSED, ContactModel
 from ngfsi.config.functions import FlowConstant, PressureConstant, PressureTable
 from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.deformation import Deformation
+from ngfsi.measure.energy import Energy
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.time_loop import TimeLoop
 from ngfsi.system.forms import residual_form
 from ngfsi.system.system import System
 from ngfsi.units import MMHG
+from tests.measure.test_energy import balance
 from tests.vein import COARSE, TUBE, case_of, position, set_motion, steady, system_of
 
 Array = NDArray[np.float64]
@@ -37,15 +39,15 @@ def work(system: System, motion: Array, virtual: Array) -> float:
 
 
 def slope(F: Array, virtual: Array) -> float:
-    """Return the slope of |F^-1|^4 det F along a direction."""
-    ahead, behind = (np.linalg.norm(np.linalg.inv(G)) ** 4 * np.linalg.det(G)
+    """Return the slope of (|F^-1|^4 + 3) det F along a direction."""
+    ahead, behind = ((np.linalg.norm(np.linalg.inv(G)) ** 4 + 3) * np.linalg.det(G)
                      for G in (F + 1e-5 * virtual, F - 1e-5 * virtual))  # fmt: skip
     return float((ahead - behind) / 2e-5)
 
 
 def test_the_work_is_the_change_of_an_energy() -> None:
-    """That of |grad y|^4 over the deformed volume, with the motion y back to the reference shape; between sides at a
-    tenth of their distance, which is the residual gap, the pressure is 10 kPa."""
+    """That of |grad y|^4 + 3 over the deformed volume, with the motion y back to the reference shape; the pressure is
+    10 kPa between sides at a tenth of their distance, which is the residual gap."""
     system = system_of(case_of(TUBE, **{"conditions.contact": ContactModel(residual_gap=0.1)}))
     motion, virtual = np.random.default_rng(3).uniform(-0.4, 0.4, (2, 3, 3))
     across = np.diag([1.0, 0.0, 0.0])
@@ -55,26 +57,57 @@ def test_the_work_is_the_change_of_an_energy() -> None:
     assert work(system, motion, virtual) == pytest.approx(expected, rel=1e-3)
 
 
+VEIN = TubeSegment(
+    length=4e-3, wall_thickness=1e-3, outer_radius=16e-3, lumen_diameter=10e-3, aspect_ratio=4.0,
+    mesh=COARSE.replace(far_size=40e-3),
+)  # fmt: skip
+CLOSING = case_of(VEIN, **{
+    "loads.inlet_flow": FlowConstant(value=0.0), "loads.outlet_pressure": PressureConstant(value=0.0),
+    "loads.skin_pressure": PressureTable(times=(0.0, 1.0, 2.0), values=(0.0, 12 * MMHG, 0.0)),
+    "materials.wall": CompressibleNeoHookean(young=10e3, poisson=0.45, density=1060.0),
+    "materials.tissue": CompressibleNeoHookean(young=3e3, poisson=0.3, density=1060.0),
+    "conditions.contact": ContactModel(residual_gap=0.1), "time.scheme": "static", "time.step": 0.5,
+    "time.end": 2.0,
+})  # fmt: skip
+"""A flat vein in soft tissue that is pressed until its sides touch."""
+IN_TIME = {"time.scheme": "bdf2", "time.step": 0.1, "time.end": 0.4}
+
+
 def test_a_flat_vein_closes_and_opens_again() -> None:
     """At 12 mmHg the distance of the sides is the residual gap in the middle, and more beside it; the mesh of the blood
     stays valid on the way, which without contact ends as it folds. At rest the vein is what it was."""
-    vein = TubeSegment(length=4e-3, wall_thickness=1e-3, outer_radius=16e-3, lumen_diameter=10e-3, aspect_ratio=4.0,
-                       mesh=COARSE.replace(far_size=40e-3))  # fmt: skip
-    case = case_of(vein, **{
-        "loads.inlet_flow": FlowConstant(value=0.0), "loads.outlet_pressure": PressureConstant(value=0.0),
-        "loads.skin_pressure": PressureTable(times=(0.0, 1.0, 2.0), values=(0.0, 12 * MMHG, 0.0)),
-        "materials.wall": CompressibleNeoHookean(young=10e3, poisson=0.45, density=1060.0),
-        "materials.tissue": CompressibleNeoHookean(young=3e3, poisson=0.3, density=1060.0),
-        "conditions.contact": ContactModel(residual_gap=0.1), "time.scheme": "static", "time.step": 0.5,
-        "time.end": 2.0,
-    })  # fmt: skip
-    system, newton = steady(case)
+    system, newton = steady(CLOSING)
     deformation, lumen = Deformation(system), system.domain.lumens[0]
     volume = Kinematics(ng.Grad(system.motion)).J * system.domain.dx(lumen)
     found = {}
-    for step in TimeLoop(case, system, newton, deformation.inversion).run():
+    for step in TimeLoop(CLOSING, system, newton, deformation.inversion).run():
         found[step.time] = ng.Integrate(volume, system.domain.mesh), deformation.smallest_jacobian(lumen)
     rest, closed = system.domain.volume(lumen), found[1.0]
     assert 0.1 < closed[1] < 0.15
     assert 0.1 < closed[0] / rest < 0.2
     assert found[2.0][0] == pytest.approx(rest, rel=1e-9)
+
+
+def test_the_power_of_the_contact() -> None:
+    """While the sides come together the medium takes up what its energy grows by, and the balance of energy closes at
+    each instant: what holds the medium at the openings does no work on the blood that flows out there."""
+    case = CLOSING.replace(**IN_TIME)
+    system, newton = steady(case)
+    energy, stiffness = Energy(system), case.conditions.contact.residual_gap
+    k = Kinematics(ng.Grad(system.motion))
+    medium = (ng.InnerProduct(k.cof, k.cof) ** 2 / k.J**3 + 3 * k.J) * system.domain.dx(
+        *system.domain.lumens, bonus_intorder=4
+    )
+    stiffness = -PRESSED / slope(np.diag([stiffness, 1.0, 1.0]), np.diag([1.0, 0.0, 0.0]))
+    for _ in TimeLoop(case, system, newton).run():
+        rate, size = balance(energy)
+        assert energy.rate() == pytest.approx(rate, abs=1e-3 * size)
+        taken, now, rates = -energy.powers()["contact"], system.values.copy(), system.rates()
+        energies = []
+        for ahead in (1e-5, -1e-5):
+            system.values[:] = now + ahead * rates
+            energies.append(stiffness * ng.Integrate(medium, system.domain.mesh))
+        system.values[:] = now
+        assert taken == pytest.approx((energies[0] - energies[1]) / 2e-5, rel=0.02)
+        assert taken > 5e-3 * size
+    assert Deformation(system).smallest_jacobian(system.domain.lumens[0]) < 0.2
