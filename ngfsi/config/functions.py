@@ -20,7 +20,7 @@ from ngfsi.config.columns import first_columns
 from ngfsi.config.messages import key_error
 from ngfsi.config.model import ConfigModel, tagged
 from ngfsi.errors import OutputError
-from ngfsi.units import Angle, FlowRate, Pressure, Time
+from ngfsi.units import MMHG, Angle, Density, FlowRate, Length, Pressure, Time
 
 Q = TypeVar("Q", bound=float)
 
@@ -48,6 +48,35 @@ class Constant(Curve, Generic[Q]):
 
     def __call__(self, t: float) -> float:  # noqa: ARG002 - a curve takes the time even if it ignores it
         return self.value
+
+
+Posture = Literal["lying", "sitting", "standing"]
+
+BELOW_HEART: dict[Posture, float] = {"lying": 0.0, "sitting": 0.50, "standing": 0.93}
+"""Depth of the middle of the calf below the heart (m) of an adult of 1.75 m: calf at 0.20, heart at 0.73 of the stature
+above the sole; a seat takes away the thigh, 0.245 of it (R. Drillis and R. Contini, Body segment parameters, 1966, for
+knee and hip; height of the heart and of the middle of the calf are round numbers)."""
+
+FREE_FALL = 9.81
+"""Acceleration of the weight (m/s2)."""
+
+
+class Hydrostatic(Curve):
+    """The pressure of blood at rest: that at the height of the heart, and the weight of the column below it.
+
+    `{kind = "hydrostatic", posture = "standing"}` takes the depth of the middle of the calf.
+    """
+
+    kind: Literal["hydrostatic"] = "hydrostatic"
+    posture: Posture = "lying"
+    below_heart: Length = Field(default_factory=lambda given: BELOW_HEART.get(given.get("posture"), 0.0))
+    """Depth below the heart; default: by posture 0, 0.50 or 0.93 m."""
+    at_heart: Pressure = 10 * MMHG
+    """In a vein at the height of the heart; default: the outlet pressure of the source study, of a subject lying."""
+    density: Density = Field(default=1060.0, gt=0)
+
+    def __call__(self, t: float) -> float:  # noqa: ARG002 - a curve takes the time even if it ignores it
+        return self.at_heart + self.density * FREE_FALL * self.below_heart
 
 
 class Rise(Curve, Generic[Q]):
@@ -202,7 +231,7 @@ PressureWaveform, FlowWaveform = Waveform[Pressure], Waveform[FlowRate]
 PressureCurve = Annotated[
     Curve,
     tagged("kind", PressureConstant, PressureRamp, PressureSmoothRamp, PressureTable, PressureHarmonics,
-           PressureWaveform),
+           PressureWaveform, Hydrostatic),
 ]  # fmt: skip
 """A pressure over time: Pa over s."""
 

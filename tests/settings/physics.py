@@ -47,14 +47,25 @@ def _kinds_of_curves() -> Outcome:
         {"kind": "table", "times_s": [0, 0.5, 1], "values_Pa": [1.0, 4.0, 0.0]},
         {"kind": "harmonics", "mean_Pa": 1.0, "amplitudes_Pa": [2.0], "phases_deg": [90], "period_s": 1.0},
         {"kind": "waveform", "times_s": even, "values_Pa": [2 - sin(2 * pi * t) for t in even]},
+        {"kind": "hydrostatic", "posture": "lying"},
     ]
     values = [case_of(**{"loads.skin_pressure": table}).loads.skin_pressure(0.25) for table in tables]
-    return values, [3.0, 0.75, 3 * (1 - cos(pi / 4)) / 2, 2.5, -1.0, 1.0]
+    return values, [3.0, 0.75, 3 * (1 - cos(pi / 4)) / 2, 2.5, -1.0, 1.0, 1333.22]
 
 
 @entry("Constant.value")
 def _value() -> Outcome:
     return curves.PressureConstant(value=7.0)(0.4), 7.0
+
+
+@entry("Hydrostatic.posture", "Hydrostatic.below_heart", "Hydrostatic.at_heart", "Hydrostatic.density")
+def _hydrostatic() -> Outcome:
+    """1000 times 9.81 times 1.283, and 10.4 kPa for each metre of blood."""
+    deep = curves.Hydrostatic(below_heart=1.283, at_heart=5.0, density=1000.0)
+    postures = [curves.Hydrostatic(posture=name)(0.3) for name in ("lying", "sitting", "standing")]
+    return [deep(0.1), *postures], [
+        5.0 + 12586.23, 1333.22, 1333.22 + 0.50 * 10398.6, 1333.22 + 0.93 * 10398.6
+    ]  # fmt: skip
 
 
 @entry("Rise.initial", "Rise.final", "Rise.start", "Rise.duration")

@@ -10,6 +10,7 @@ from ngfsi import registry
 from ngfsi.case import Case
 from ngfsi.config.functions import (
     Curve,
+    Hydrostatic,
     PressureConstant,
     PressureHarmonics,
     PressureRamp,
@@ -21,7 +22,8 @@ from ngfsi.config.model import ConfigModel
 
 GROUPS = ("ngfsi.geometries", "ngfsi.solid_laws", "ngfsi.fluid_laws", "ngfsi.openings", "ngfsi.conditions")
 
-CURVES = (PressureConstant, PressureRamp, PressureSmoothRamp, PressureTable, PressureHarmonics, PressureWaveform)
+CURVES = (PressureConstant, PressureRamp, PressureSmoothRamp, PressureTable, PressureHarmonics, PressureWaveform,
+          Hydrostatic)  # fmt: skip
 
 Outcome = tuple[Any, Any]
 """What a key does, and what it should do."""
