@@ -91,7 +91,7 @@ def test_the_numbers_of_a_vein_are_those_of_its_last_row_over_its_first() -> Non
         "detF_min_fluid_1": np.array([1.0, 0.7, 0.45]),
     }
     run: Any = SimpleNamespace(series=series)
-    found = closing_vein.result(BASE, run, None)
+    found = closing_vein.result(BASE, run, None, None)
     assert (found.loss_1, found.sawss_start_Pa, found.least_detf_1) == pytest.approx((0.75, 0.2, 0.4), rel=1e-12)
     assert found.sawss_ratio_1 == pytest.approx(4.5, rel=1e-12)
     assert np.isnan([found.closed_Pa, found.flow_left_1, found.steady_ratio_1]).all()

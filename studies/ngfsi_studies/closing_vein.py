@@ -1,13 +1,13 @@
 """Why do veins of legs lose more than half of their area under a stocking, and the round vein of the source a fifth?
 
 The calf of `compare_tissues` with a vein of the same area that is oval, one factor changed at a time: under 25 mmHg
-that rise smoothly in 1 s with constant flow, and at rest under pressures that close it, fed by a pressure behind a
-resistance so that closing stops the flow.
+that rise smoothly in 1 s with constant flow, at rest under pressures that close it, fed by a pressure behind a
+resistance so that closing stops the flow, and under 120 mmHg and none again. Then several factors at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +25,7 @@ from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.study import Outcome, run_cases
+from ngfsi.study.design import sobol
 from ngfsi.units import MMHG, Shown, from_si
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Group, Line, lines, outlines
@@ -40,34 +41,47 @@ WALL = load_set("vein_wall").replace(label="")
 """Its constants are varied, so that the name of the set does not stay."""
 CAPILLARIES = 15 * MMHG
 """By how much the pressure behind the resistance that feeds the vein exceeds that of its outlet (Pa)."""
+FULLEST = 120 * MMHG
+"""Highest pressure of the veins that are closed in a second and let go again (Pa)."""
 CLOSED = 0.1
 """Fraction of the area at rest below which a vein counts as closed."""
 
 
 class Level(NamedTuple):
     """How finely to compute: mesh and order of a level of compare_tissues.py, steps of the rise (s) and of the pressure
-    at rest (Pa)."""
+    at rest (Pa), whether veins are opened again, and how many have all factors at once; `points`: which veins; none:
+    all."""
 
     mesh: compare_tissues.Level
     step: float
     pressure_step: float
+    reopens: bool
+    design: int
+    points: tuple[str, ...] = ()
+
+    def chosen(self) -> dict[str, Point]:
+        """Return the veins by key."""
+        return {key: POINTS[key] for key in self.points or POINTS}
 
 
 LEVELS = {
-    "demo": Level(compare_tissues.COARSE, 0.05, 5 * MMHG),
-    "paper": Level(compare_tissues.LEVELS["demo"], 0.05, 5 * MMHG),
+    "demo": Level(compare_tissues.COARSE, 0.05, 5 * MMHG, False, 4, ("oval", "round", "ratio_4", "halved", "gap")),
+    "paper": Level(compare_tissues.LEVELS["demo"], 0.05, 5 * MMHG, True, 16),
 }
+"""Veins with all factors at once, and those that open again, are computed on the mesh of the former."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """A vein: what is special about it, and the changes of the case; `closes`: the pressure at rest (Pa) to which it is
-    to be closed; `numerical`: the same vein computed otherwise."""
+    """A vein: what is special about it, and the changes of the case; `closes`: the pressure at rest (mmHg) to which it
+    is to be closed; `reopens`: whether it is to be closed in a second and let go; `numerical`: the same vein computed
+    otherwise."""
 
     title: str
     changes: Mapping[str, Any] = field(default_factory=dict)
     closes: float = 0.0
     numerical: bool = False
+    reopens: bool = False
 
 
 def _blood(mmhg: float) -> dict[str, Any]:
@@ -76,16 +90,22 @@ def _blood(mmhg: float) -> dict[str, Any]:
 
 BASE = "oval"
 POINTS = {
-    BASE: Point("3.2 : 1", closes=60),
-    "round": Point("round", {"geometry.aspect_ratio": 1.0}, closes=60),
+    BASE: Point("3.2 : 1", closes=60, reopens=True),
+    "round": Point("round", {"geometry.aspect_ratio": 1.0}, closes=60, reopens=True),
     "ratio_2": Point("2.25 : 1", {"geometry.aspect_ratio": 2.25}, closes=60),
     "ratio_4": Point("4.5 : 1", {"geometry.aspect_ratio": 4.5}),
     "turned": Point("turned by 90 degrees", {"geometry.oval_direction": np.pi / 2}),
+    "blood_2": Point("blood at 2 mmHg", _blood(2), closes=60),
     "blood_5": Point("blood at 5 mmHg", _blood(5), closes=60),
     "blood_15": Point("blood at 15 mmHg", _blood(15), closes=60),
     "wall_soft": Point("wall half as stiff", {"materials.wall": WALL.replace(young=66.5e3)}),
     "wall_stiff": Point("wall twice as stiff", {"materials.wall": WALL.replace(young=266e3)}),
     "wall_thin": Point("wall of 0.5 mm", {"geometry.wall_thickness": 0.5e-3}),
+    "sheath": Point(
+        "in a sheath of 2 mm, 5 kPa",
+        {"geometry.sheath_thickness": 2e-3, "materials.sheath": load_set("loose_connective_tissue")},
+        closes=60,
+    ),
     "tissue_stiff": Point("M with K 82 kPa", {"materials.tissue": load_set("mooney_rivlin_s1").replace(K=82e3)}),
     "tissue_n": Point("N, likely constants", {"materials.tissue": load_set("neo_hookean_likely")}),
     "wall_source": Point("wall of Saint Venant-Kirchhoff's law", {"materials.wall": load_set("vein_wall_source")}),
@@ -93,6 +113,26 @@ POINTS = {
     "halved": Point("3.2 : 1, half of the step", numerical=True),
     "gap": Point("3.2 : 1, half of the residual gap", {"conditions.contact.residual_gap": 0.01}, numerical=True),
 }
+
+
+RANGES = {
+    "geometry.aspect_ratio": (1.5, 4.5),
+    "geometry.wall_thickness_mm": (0.5, 1.5),
+    "loads.outlet_pressure.value_mmHg": (2.0, 15.0),
+    "materials.wall.young_kPa": (66.5, 266.0),
+    "materials.tissue.K_kPa": (20.0, 82.0),
+}
+"""Of the factors that are varied at once: shapes between the source's round vein and what else is computed here; walls
+of half and twice the source's; its blood pressures; bulk moduli from its calibration to those of the group quoted."""
+SEED = 7
+
+
+def design(level: Level) -> dict[str, Case]:
+    """Return veins with all factors at once, evenly spread in their ranges."""
+    return {
+        f"all-{number}": one.replace(name=f"all-{number}")
+        for number, one in sobol(RANGES, level.design, SEED).cases(case(BASE, LEVELS["demo"])).items()
+    }
 
 
 def case(key: str, level: Level) -> Case:
@@ -127,11 +167,24 @@ def closing_case(key: str, level: Level) -> Case:
     })  # fmt: skip
 
 
+def reopening_case(key: str) -> Case:
+    """Return the case of a vein under 120 mmHg that rise in 1 s, fall in as much, and let it open again."""
+    return case(key, LEVELS["demo"]).replace(**{
+        "name": f"{key}-reopening", "time.step": 0.02, "time.smallest_step": 0.02 / 256, "time.end": 4.0,
+        "loads.skin_pressure": PressureTable(times=(0.0, 1.0, 2.0), values=(0.0, FULLEST, 0.0)),
+        "output.fields_every": 5,
+    })  # fmt: skip
+
+
 def study(level: str, folder: Path, quiet: bool = False) -> Path:
     """Run the study at a level into a folder and return the path of the report."""
     chosen = LEVELS[level]
-    cases = {key: case(key, chosen) for key in POINTS}
-    cases |= {f"{key}-closing": closing_case(key, chosen) for key, point in POINTS.items() if point.closes}
+    points = chosen.chosen()
+    cases = {key: case(key, chosen) for key in points}
+    cases |= {f"{key}-closing": closing_case(key, chosen) for key, point in points.items() if point.closes}
+    if chosen.reopens:
+        cases |= {f"{key}-reopening": reopening_case(key) for key, point in points.items() if point.reopens}
+    cases |= design(chosen)
     path = write_report(level, folder, run_cases(cases, folder, quiet=quiet))
     if not quiet:
         console().print(path.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0])
@@ -142,7 +195,8 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
 class Result:
     """The numbers of a vein: loss of volume and SAWSS over that at t = 0, at the end of the rise; of the veins that are
     closed the same of SAWSS in steady flow under the same pressure, the pressure on the skin at which they count as
-    closed, and how much of the flow is left there."""
+    closed, and how much of the flow is left there; the area at t = 0, and of veins that are let go again the area under
+    the highest pressure and in the end, over that."""
 
     key: str
     loss_1: float
@@ -152,16 +206,28 @@ class Result:
     closed_Pa: float = float("nan")  # noqa: N815 - a column
     flow_left_1: float = float("nan")
     steady_ratio_1: float = float("nan")
+    area_start_m2: float = float("nan")
+    pressed_1: float = float("nan")
+    reopened_1: float = float("nan")
 
 
-def result(key: str, run: StoredRun, closing: StoredRun | None) -> Result:
+def result(key: str, run: StoredRun, closing: StoredRun | None, reopening: StoredRun | None) -> Result:
     """Return the numbers of a vein."""
     area, shear = run.series["lumen_area_mean_m2"], run.series["sawss_Pa"]
     least = min(np.nanmin(values) for name, values in run.series.items() if name.startswith("detF_min"))
     closed, left = pressure_of_closure(closing) if closing else (np.nan, np.nan)
     steady = steady_ratio(closing) if closing else np.nan
     loss, ratio = float(1 - area[-1] / area[0]), float(shear[-1] / shear[0])
-    return Result(key, loss, float(shear[0]), ratio, float(least), closed, left, steady)
+    pressed, reopened = _reopened(reopening) if reopening else (np.nan, np.nan)
+    return Result(
+        key, loss, float(shear[0]), ratio, float(least), closed, left, steady, float(area[0]), pressed, reopened
+    )
+
+
+def _reopened(run: StoredRun) -> tuple[float, float]:
+    """Return the area at the highest pressure and in the end, over that at rest."""
+    area, highest = run.series["lumen_area_mean_m2"], np.argmax(run.series["skin_pressure_mean_Pa"])
+    return float(area[highest] / area[0]), float(area[-1] / area[0])
 
 
 def steady_ratio(run: StoredRun) -> float:
@@ -215,11 +281,16 @@ def measured(name: str) -> list[Measured]:
 def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> Path:
     """Write report.md, results.csv and the figures from what became of the runs, and return the report's path."""
     done = {key: one.run for key, one in outcomes.items() if one.run is not None and not one.failure}
-    results = {key: result(key, done[key], done.get(f"{key}-closing")) for key in POINTS if key in done}
+    results = {
+        key: result(key, done[key], done.get(f"{key}-closing"), done.get(f"{key}-reopening"))
+        for key in POINTS if key in done
+    }  # fmt: skip
+    at_once = {key: Designed.of(run) for key, run in done.items() if key.startswith("all-")}
     files = []
     if results:
         write_rows(folder / "results.csv", [asdict(one) for one in results.values()])
-        files = _draw(results, done, folder)
+        write_rows(folder / "design.csv", [asdict(one) for one in at_once.values()])
+        files = _draw(results, list(at_once.values()), done, folder)
     failures = [f"- {key}: {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure]
     parts = [
         f"# Veins that close, level `{level}`\n", answer(results), *files, "## One factor at a time\n", table(results),
@@ -227,6 +298,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         "`compressible_neo_hookean`, blood at 10 mmHg, flow 2.913 ml/s, lumen of the area of a circle of 11.1 mm, "
         "longer axis lateral, unless the first column says otherwise. Closed: the mean area is below a tenth of that "
         "at rest, in steady flow from a source 15 mmHg above the outlet behind a resistance.\n",
+        *(["## All factors at once\n", spread(list(at_once.values()))] if at_once else []),
         "## What others measured\n", comparison(results),
         *(["## Failed\n", "\n".join(failures) + "\n"] if failures else []),
         f"## To repeat it\n\n    ngfsi study closing_vein --level {level}\n",
@@ -269,7 +341,68 @@ def answer(results: Mapping[str, Result]) -> str:
     if closed:
         listed = ", ".join(f"{from_si(one.closed_Pa, 'mmHg'):.0f} mmHg ({POINTS[one.key].title})" for one in closed)
         said.append(f"- **It closes** at {listed}.")
+    for one in (one for one in (oval, around) if np.isfinite(one.reopened_1)):
+        said.append(
+            f"- **It opens again**: {POINTS[one.key].title}, closed to {100 * one.pressed_1:.1f} % of its area by "
+            f"{from_si(FULLEST, 'mmHg'):.0f} mmHg in 1 s and let go in another, it has "
+            f"{100 * one.reopened_1:.1f} % of it 2 s later."
+        )
+    if (stretch := compliance(results)) > 0:
+        ((who, _, measured_one, _),) = measured("compliance_1_mmHg")
+        said.append(
+            f"- **Its compliance at rest** is {stretch:.4f} of its area per mmHg, between blood at 5 and 15 mmHg; "
+            f"measured {measured_one:g} ({who})."
+        )
     return "\n".join(said) + "\n"
+
+
+def compliance(results: Mapping[str, Result]) -> float:
+    """Return the change of the oval vein's area at rest with the pressure of its blood, over its area (1/mmHg)."""
+    if not {BASE, "blood_5", "blood_15"} <= results.keys():
+        return float("nan")
+    low, middle, high = (results[key].area_start_m2 for key in ("blood_5", BASE, "blood_15"))
+    return (high - low) / (10 * middle)
+
+
+@dataclass(frozen=True)
+class Designed:
+    """A vein with all factors at once, and what becomes of it."""
+
+    ratio_1: float
+    wall_thickness_m: float
+    blood_Pa: float  # noqa: N815 - a column
+    wall_young_Pa: float  # noqa: N815 - a column
+    bulk_Pa: float  # noqa: N815 - a column
+    loss_1: float
+    sawss_ratio_1: float
+
+    @classmethod
+    def of(cls, run: StoredRun) -> Designed:
+        """Return that of a run."""
+        geometry, materials, blood = run.case.geometry, run.case.materials, run.case.loads.outlet_pressure(0.0)
+        wall, tissue = materials.law_of("wall").model_dump(), materials.law_of("tissue").model_dump()
+        area, shear = run.series["lumen_area_mean_m2"], run.series["sawss_Pa"]
+        return cls(geometry.aspect_ratio, geometry.wall_thickness, blood, wall["young"], tissue["K"],
+                   float(1 - area[-1] / area[0]), float(shear[-1] / shear[0]))  # fmt: skip
+
+
+def spread(designed: Sequence[Designed]) -> str:
+    """Return what all factors at once make of the loss, and which of them it follows, in sentences."""
+    losses = np.array([one.loss_1 for one in designed])
+    lowest, middle, highest = 100 * np.quantile(losses, (0, 0.5, 1))
+    ranges = ", ".join(f"{name.rpartition('.')[2]} of {name.split('.')[1]} {low:g} to {high:g}"
+                       if name.count(".") == 2 else f"{name.rpartition('.')[2]} {low:g} to {high:g}"
+                       for name, (low, high) in RANGES.items())  # fmt: skip
+    said = f"{len(designed)} veins spread evenly over {ranges}: they lose {lowest:.0f} to {highest:.0f} %, " \
+           f"half of them more than {middle:.0f} %."  # fmt: skip
+    names = list(asdict(designed[0]))[: len(RANGES)]
+    if len(designed) > len(names):
+        from scipy.stats import spearmanr
+
+        ranks = {name: float(spearmanr([getattr(one, name) for one in designed], losses).statistic) for name in names}
+        listed = ", ".join(f"{name} {rank:+.2f}" for name, rank in sorted(ranks.items(), key=lambda n: -abs(n[1])))
+        said += f" Rank correlation of the loss with each (Spearman): {listed}."
+    return said + "\n"
 
 
 def _with_error(value: float, error: float) -> str:
@@ -307,9 +440,10 @@ def comparison(results: Mapping[str, Result]) -> str:
         "loss_percent": ("loss %", [100 * one.loss_1 for one in results.values()]),
         "rise_percent": ("rise of SAWSS %", [100 * (one.sawss_ratio_1 - 1) for one in results.values()]),
         "closed_mmHg": (CLOSURE.label, [CLOSURE(one.closed_Pa) for one in results.values() if one.closed_Pa > 0]),
+        "compliance_1_mmHg": ("compliance at rest [1/mmHg]", [value for value in (compliance(results),) if value > 0]),
     }
     cells = [
-        (one.who, one.load, what, one.range, f"{min(found):.0f} to {max(found):.0f}",
+        (one.who, one.load, what, one.range, _from_to(min(found), max(found)),
          "yes" if min(found) <= one.high and one.low <= max(found) else "no")
         for name, (what, found) in computed.items() if found for one in measured(name)
     ]  # fmt: skip
@@ -317,7 +451,14 @@ def comparison(results: Mapping[str, Result]) -> str:
     return markdown_table(head, cells) + "\nNo number of the model was fitted to these.\n"
 
 
-def _draw(results: Mapping[str, Result], done: Mapping[str, StoredRun], folder: Path) -> list[str]:
+def _from_to(low: float, high: float) -> str:
+    """Return a range, with two digits of what is below 1."""
+    return f"{low:.2g}" if low == high < 1 else f"{low:.0f} to {high:.0f}"
+
+
+def _draw(
+    results: Mapping[str, Result], designed: Sequence[Designed], done: Mapping[str, StoredRun], folder: Path
+) -> list[str]:
     """Draw the figures and return the lines of the report that show them."""
     found = []
     shapes = [key for key in ("round", "ratio_2", BASE, "ratio_4") if key in results]
@@ -327,9 +468,11 @@ def _draw(results: Mapping[str, Result], done: Mapping[str, StoredRun], folder: 
         Line(f"{level:g} %, {one.load}", span, [level / 100] * 2, "--")
         for one in measured("loss_percent") for level in sorted({one.low, one.high})
     ]  # fmt: skip
-    panels = {
-        "under 25 mmHg; dashed: measured": [Line("computed", ratios, [results[key].loss_1 for key in shapes]), *others]
-    }
+    computed = [Line("computed", ratios, [results[key].loss_1 for key in shapes])]
+    if designed:
+        axes_of, losses = [one.ratio_1 for one in designed], [one.loss_1 for one in designed]
+        computed.append(Line("all factors at once", axes_of, losses, "x"))
+    panels = {"under 25 mmHg; dashed: measured": [*computed, *others]}
     lines(panels, (Shown("ratio of the axes", "1"), Shown("loss of area", "percent")), folder / "shape.png")
     found.append("![Loss of area over the ratio of the axes](shape.png)\n")
     curves = []
@@ -341,6 +484,13 @@ def _draw(results: Mapping[str, Result], done: Mapping[str, StoredRun], folder: 
         axes = Shown("pressure on the skin", "mmHg"), Shown("area over that at rest", "1")
         lines({"steady flow from a source behind a resistance": curves}, axes, folder / "closing.png")
         found.append("![Area over the pressure on the skin](closing.png)\n")
+    opened = [Line(POINTS[key].title, run.series["time_s"], run.series["lumen_area_mean_m2"]
+                   / run.series["lumen_area_mean_m2"][0], "-")
+              for key in POINTS if (run := done.get(f"{key}-reopening"))]  # fmt: skip
+    if opened:
+        axes = Shown("time", "s"), Shown("area over that at rest", "1")
+        lines({"120 mmHg in 1 s, and none in another": opened}, axes, folder / "reopening.png")
+        found.append("![Area over time while the vein is closed and let go](reopening.png)\n")
     sections = [Group(POINTS[key].title, done[key]) for key in ("round", BASE) if key in done]
     if sections:
         outlines(sections, (0.0, 1.0), folder / "outlines.png")
