@@ -7,7 +7,7 @@ contribute, and asks nothing else of them:
     integrals of the weak form          `integrals`, and `static_integrals` of the solids at rest
     values of prescribed unknowns       `prescribed`, `prescribe`
     course in time                      `update`, `accept`, and `state_arrays` for checkpoints and other ranks
-    what is said of it                  `sentence`; its power follows from its integrals (measure/energy.py)
+    what is measured and said of it     `columns`, `sentence`; its power follows from its integrals (measure/energy.py)
 """
 
 from __future__ import annotations
@@ -102,6 +102,10 @@ class Condition:
     def excludes_blood(self) -> bool:
         """Whether the blood's terms are left out of the equations of the solids (one-way coupling)."""
         return False
+
+    def columns(self) -> Mapping[str, Callable[[], float]]:
+        """Return what it adds to series.csv: column, its unit last, -> what returns its present value (SI)."""
+        return {}
 
     def moves_mesh(self) -> bool:
         """Whether it moves the mesh of the blood, in place of `discretisation.mesh_motion`, as a medium in equilibrium

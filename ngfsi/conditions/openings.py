@@ -299,6 +299,10 @@ class WindkesselTraction(ResistiveTraction):
     def own_unknowns(self) -> dict[str, float]:
         return {**super().own_unknowns(), self._stored: 1.0}
 
+    def columns(self) -> dict[str, Callable[[], float]]:
+        """Return the pressure in the compliance (Pa)."""
+        return {f"pressure_stored_{self.opening}_Pa": lambda: self.value.Get() + self._setup.state[self._stored].vec[0]}
+
     def law(self, p: Any, q: Any) -> list[Integral]:
         setup, stored = self._setup, self._setup.trial[self._stored]
         rate = setup.new_weight * stored + setup.velocity_history[self._stored]

@@ -66,9 +66,9 @@ class Quantity:
 
 def columns(probe: Probe) -> dict[str, Callable[[], float]]:
     """Return what measures the columns of series.csv in the present state, once the probe is refreshed: all quantities
-    that are registered and apply, and those of the regions, openings, holes and outlines that the model has.
+    that are registered and apply, those of the conditions, and those of regions, openings, holes and outlines.
 
-    The latter are the smallest volume ratio det F in each region; of each opening the mean pressure of the blood, and
+    The last are the smallest volume ratio det F in each region; of each opening the mean pressure of the blood, and
     the flow, in the direction of inlet or outlet, where a vessel has more than one of either; of each hole its pressure
     and volume; in the plane the areas inside of outlines and of regions, and the hydrostatic pressure at the wall's
     outer face on either side.
@@ -78,6 +78,8 @@ def columns(probe: Probe) -> dict[str, Callable[[], float]]:
         for quantity in [given] if isinstance(given, Quantity) else given:
             found |= {column: partial(quantity.evaluate, owner)
                       for column, owner in quantity.owners(probe) if quantity.applies(owner)}  # fmt: skip
+    for condition in probe.system.conditions.values():
+        found |= condition.columns()
     found |= {f"detF_min_{name}_1": partial(probe.deformation.smallest_jacobian, name) for name in probe.domain.regions}
     for vessel in probe.vessels.values():
         for name in vessel.vessel.openings:

@@ -13,7 +13,9 @@ from ngfsi_geometry.calf_section import SectionSizes, subject
 from numpy.typing import NDArray
 
 from ngfsi.case import Case, Conditions, Cuff, Discretisation, Loads, Materials, TimeStepping
+from ngfsi.conditions import WindkesselOpening
 from ngfsi.config.functions import PressureConstant
+from ngfsi.measure import quantities
 from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.system.system import System
@@ -21,7 +23,7 @@ from tests.columns import fields, vessel
 from tests.columns.fields import Field, at, cauchy, cofactor, deformation, on, pressure, within
 from tests.columns.table import entry, source
 from tests.runs import row
-from tests.vein import domain_of, value_of
+from tests.vein import TUBE, case_of, domain_of, value_of
 
 Array = NDArray[np.float64]
 
@@ -94,6 +96,32 @@ def _in_the_hole() -> Mapping[str, float]:
     places, weights = within(vessel.system().domain, "fluid")  # where the other model has blood
     volume = float(np.linalg.det(deformation(vessel.displacement, places)) @ weights)
     return {"pressure_interface_Pa": INSIDE, "lumen_volume_m3": volume, "lumen_area_mean_m2": volume / vessel.L}
+
+
+STORES = "series.csv of a vessel with compliances"
+KNOWN = {"inlet": (700.0, 45.0), "outlet": (400.0, 21.0)}
+"""Opening -> the pressure far behind it, and how much higher that in the compliance is (Pa)."""
+
+
+@source(STORES)
+def stores() -> dict[str, float]:
+    openings = {
+        name: WindkesselOpening(resistance=1e7, compliance=1e-9, distal_resistance=1e8,
+                                distal_pressure=PressureConstant(value=far))
+        for name, (far, _) in KNOWN.items()
+    }  # fmt: skip
+    system = System(case_of(TUBE, **{"loads.openings": openings}), domain_of(TUBE))
+    system.update(0.0)
+    for name, (_, more) in KNOWN.items():
+        system.named(system.state)[f"{name}_stored_pressure"].vec[0] = more
+    measured = {name: value for one in system.conditions.values() for name, value in one.columns().items()}
+    assert set(measured) <= set(quantities.columns(Probe(system)))
+    return {name: value() for name, value in measured.items()}
+
+
+@entry(STORES, "pressure_stored_OPENING_Pa")
+def stored_pressures() -> dict[str, float]:
+    return {f"pressure_stored_{name}_Pa": sum(parts) for name, parts in KNOWN.items()}
 
 
 PLANE = "series.csv of a plane section"

@@ -38,6 +38,7 @@ DYNAMIC = (
     (r"^detF_min_\w+_1$", "detF_min_REGION_1"),
     (r"^pressure_(inlet|outlet)(_\d+)?_Pa$", "pressure_OPENING_Pa"),
     (r"^flow_(inlet|outlet)(_\d+)?_m3_s$", "flow_OPENING_m3_s"),
+    (r"^pressure_stored_(inlet|outlet)(_\d+)?_Pa$", "pressure_stored_OPENING_Pa"),
     (r"^pressure_(interface|lumen)\w*_Pa$", "pressure_HOLE_Pa"),
     (r"^(skin|lumen(_\d+)?)_area_m2$", "OUTLINE_area_m2"),
     (r"^(?!OUTLINE)\w+_area_m2$", "REGION_area_m2"),
