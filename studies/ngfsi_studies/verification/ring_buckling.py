@@ -30,7 +30,7 @@ SCALED = (1.5, 2.5, 2.8, 2.95, 3.05, 3.2, 3.5, 4.0, 4.5, 4.8, 5.0, 5.1, 5.2, 5.3
 """Pressures at which the oval ring is computed, over E/(1 - nu^2) h^3 / (12 R^3)."""
 BRACKET = (2.8, 3.2)
 """Where the round ring's stiffness vanishes; elsewhere its smallest eigenvalue may be that of another mode."""
-TOPS = (0.9, 0.6, 0.3, 0.0)
+TOPS = (0.9, 0.6, 0.3)
 """Heights of the middle line's top on the way to the state in which opposite sides meet."""
 
 
@@ -84,18 +84,17 @@ def compute(setting: Setting) -> Values:
     return {"buckling": float(buckling), "opposite walls meet": float(meet)}
 
 
-@cache
-def elastica() -> float:
-    """Return the pressure at which opposite sides of a thin ring meet, from a boundary value problem.
+def slopes(_s: Array, state: Array, p: float, length: float = 1.0) -> Array:
+    """Return the derivatives of a quarter of an inextensible ring of unit radius and bending stiffness under a
+    pressure, by its arc length over `length`: position (x, y), angle t of the tangent, curvature c, and the force (f,
+    g) of what follows on what precedes."""
+    _, _, t, c, f, g = state
+    sine, cosine = np.sin(t), np.cos(t)
+    return length * np.vstack([cosine, sine, c, f * sine - g * cosine, p * sine, -p * cosine])
 
-    A quarter of an inextensible ring of unit radius and bending stiffness, over its arc length s: position (x, y),
-    angle t of the tangent, curvature c, and the force (f, g) of what follows on what precedes.
-    """
 
-    def slope(_s: Array, state: Array, unknown: Array) -> Array:
-        _, _, t, c, f, g = state
-        p = unknown[0]
-        return np.vstack([np.cos(t), np.sin(t), c, f * np.sin(t) - g * np.cos(t), p * np.sin(t), -p * np.cos(t)])
+def collapsed(meeting: float = 0.0) -> tuple[Array, Array, float]:
+    """Return arc length, state and pressure of a thin ring whose top has come down to a height above its middle."""
 
     def ends(top: float) -> Callable[..., Array]:
         # from the x-axis, going up, to the height `top`, going left; no shear force where symmetry cuts
@@ -105,12 +104,18 @@ def elastica() -> float:
     t = np.pi / 2 + s
     state = np.vstack([np.sin(t), -np.cos(t), t + 0.1 * np.sin(2 * s), 1 + 0.2 * np.cos(2 * s), p * -np.cos(t),
                        p * -np.sin(t)])  # fmt: skip
-    for top in TOPS:
-        result = solve_bvp(slope, ends(top), s, state, p=[p], tol=1e-8, max_nodes=20_000)
+    for top in (*TOPS, meeting):
+        result = solve_bvp(lambda s, y, q: slopes(s, y, q[0]), ends(top), s, state, p=[p], tol=1e-8, max_nodes=20_000)
         if not result.success:
             raise VerificationError(f"no collapsed ring was found: {result.message}")
         s, state, p = result.x, result.y, float(result.p[0])
-    return p
+    return s, state, p
+
+
+@cache
+def elastica() -> float:
+    """Return the pressure at which opposite sides of a thin ring meet, from a boundary value problem."""
+    return collapsed()[2]
 
 
 CASE = Benchmark(
