@@ -7,7 +7,7 @@ resistance so that closing stops the flow, and under 120 mmHg and none again. Th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ngfsi.case import Case
 from ngfsi.conditions import ContactModel
-from ngfsi.config.functions import PressureConstant, PressureSmoothRamp, PressureTable
+from ngfsi.config.functions import Hydrostatic, Posture, PressureConstant, PressureSmoothRamp, PressureTable
 from ngfsi.materials import load_set
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
@@ -88,7 +88,13 @@ def _blood(mmhg: float) -> dict[str, Any]:
     return {"loads.outlet_pressure": PressureConstant(value=mmhg * MMHG)}
 
 
+def _posture(posture: Posture) -> dict[str, Any]:
+    return {"loads.outlet_pressure": Hydrostatic(posture=posture), "conditions.initial_state": "prestress"}
+
+
 BASE = "oval"
+UPRIGHT = ("sitting", "standing")
+"""Veins that measurements in the same posture are compared with; all others are compared with those of lying legs."""
 POINTS = {
     BASE: Point("3.2 : 1", closes=60, reopens=True),
     "round": Point("round", {"geometry.aspect_ratio": 1.0}, closes=60, reopens=True),
@@ -98,6 +104,9 @@ POINTS = {
     "blood_2": Point("blood at 2 mmHg", _blood(2), closes=60),
     "blood_5": Point("blood at 5 mmHg", _blood(5), closes=60),
     "blood_15": Point("blood at 15 mmHg", _blood(15), closes=60),
+    "lying": Point("lying, of this shape under its blood", _posture("lying"), closes=60),
+    "sitting": Point("sitting, of this shape under its blood", _posture("sitting"), closes=90),
+    "standing": Point("standing, of this shape under its blood", _posture("standing"), closes=120),
     "wall_soft": Point("wall half as stiff", {"materials.wall": WALL.replace(young=66.5e3)}),
     "wall_stiff": Point("wall twice as stiff", {"materials.wall": WALL.replace(young=266e3)}),
     "wall_thin": Point("wall of 0.5 mm", {"geometry.wall_thickness": 0.5e-3}),
@@ -156,9 +165,9 @@ def closing_case(key: str, level: Level) -> Case:
     The pressure behind the resistance that feeds it is such that without that pressure the flow is the same.
     """
     rise, end = case(key, level), POINTS[key].closes
-    known: Any = rise.loads.outlet_pressure
+    known = rise.loads.outlet_pressure(0.0)
     source = {"kind": "resistance", "resistance_Pa_s_m3": CAPILLARIES / rise.loads.inlet_flow(0.0),
-              "distal_pressure": {"kind": "constant", "value_Pa": known.value + CAPILLARIES}}  # fmt: skip
+              "distal_pressure": {"kind": "constant", "value_Pa": known + CAPILLARIES}}  # fmt: skip
     step = from_si(level.pressure_step, "mmHg")
     return rise.replace(**{
         "name": f"{rise.name}-closing", "loads.openings": {"inlet": source},
@@ -259,6 +268,7 @@ class Measured(NamedTuple):
     load: str
     low: float
     high: float
+    upright: str = ""
 
     @property
     def range(self) -> str:
@@ -274,7 +284,15 @@ def measured(name: str) -> list[Measured]:
         postures = given if isinstance(given, dict) else {"": given}
         for posture, (low, high) in postures.items():
             who = f"{one['source'].partition(',')[0].partition(' (')[0]}: {one['who']}"
-            found.append(Measured(f"{who}, {posture}" if posture else who, one["load"], low, high))
+            found.append(
+                Measured(
+                    f"{who}, {posture}" if posture else who,
+                    one["load"],
+                    low,
+                    high,
+                    posture if posture in UPRIGHT else "",
+                )
+            )
     return found
 
 
@@ -330,7 +348,8 @@ def answer(results: Mapping[str, Result]) -> str:
         f"{', '.join(one.range for one in measured('loss_percent'))} %; on the source's images of a subject "
         f"{tables('compare_tissues')['volume_reduction_percent']['measured']:g} %.",
     ]
-    physical = [one for key, one in results.items() if not POINTS[key].numerical and key not in (BASE, "round")]
+    others = (BASE, "round", *UPRIGHT)
+    physical = [one for key, one in results.items() if not POINTS[key].numerical and key not in others]
     if physical:
         least, most = min(physical, key=lambda one: one.loss_1), max(physical, key=lambda one: one.loss_1)
         said.append(
@@ -348,10 +367,10 @@ def answer(results: Mapping[str, Result]) -> str:
             f"{100 * one.reopened_1:.1f} % of it 2 s later."
         )
     if (stretch := compliance(results)) > 0:
-        ((who, _, measured_one, _),) = measured("compliance_1_mmHg")
+        (known,) = measured("compliance_1_mmHg")
         said.append(
             f"- **Its compliance at rest** is {stretch:.4f} of its area per mmHg, between blood at 5 and 15 mmHg; "
-            f"measured {measured_one:g} ({who})."
+            f"measured {known.range} ({known.who})."
         )
     return "\n".join(said) + "\n"
 
@@ -435,19 +454,26 @@ def _if_known(value: float, spec: str) -> str:
 
 
 def comparison(results: Mapping[str, Result]) -> str:
-    """Return what others measured beside the range that the factors give."""
-    computed = {
-        "loss_percent": ("loss %", [100 * one.loss_1 for one in results.values()]),
-        "rise_percent": ("rise of SAWSS %", [100 * (one.sawss_ratio_1 - 1) for one in results.values()]),
-        "closed_mmHg": (CLOSURE.label, [CLOSURE(one.closed_Pa) for one in results.values() if one.closed_Pa > 0]),
-        "compliance_1_mmHg": ("compliance at rest [1/mmHg]", [value for value in (compliance(results),) if value > 0]),
+    """Return what others measured beside the range of the veins in the same posture."""
+    oval = results.get(BASE)
+    found: dict[str, tuple[str, Callable[[Result], float]]] = {
+        "loss_percent": ("loss %", lambda one: 100 * one.loss_1),
+        "rise_percent": ("rise of SAWSS %", lambda one: 100 * (one.sawss_ratio_1 - 1)),
+        "closed_mmHg": (CLOSURE.label, lambda one: CLOSURE(one.closed_Pa)),
+        "compliance_1_mmHg": (
+            "compliance at rest [1/mmHg]",
+            lambda one: compliance(results) if one == oval else np.nan,
+        ),
     }
-    cells = [
-        (one.who, one.load, what, one.range, _from_to(min(found), max(found)),
-         "yes" if min(found) <= one.high and one.low <= max(found) else "no")
-        for name, (what, found) in computed.items() if found for one in measured(name)
-    ]  # fmt: skip
-    head = ("who", "load", "what", "measured", "computed, all veins above", "do they meet")
+    cells = []
+    for name, (what, value) in found.items():
+        for one in measured(name):
+            numbers = [value(own) for own in results.values() if (own.key if own.key in UPRIGHT else "") == one.upright]
+            if numbers := [number for number in numbers if np.isfinite(number)]:
+                low, high = min(numbers), max(numbers)
+                cells.append((one.who, one.load, what, one.range, _from_to(low, high),
+                              "yes" if low <= one.high and one.low <= high else "no"))  # fmt: skip
+    head = ("who", "load", "what", "measured", "computed, veins in that posture", "do they meet")
     return markdown_table(head, cells) + "\nNo number of the model was fitted to these.\n"
 
 
