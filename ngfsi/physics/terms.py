@@ -140,8 +140,7 @@ def contact_medium(k: Kinematics, grad_v: CF) -> CF:
 
 def contact_pressure(ratio: float) -> float:
     """Return the pressure of that medium between parallel sides at a ratio of their distance to that at the start."""
-    squared = 1 + 2 * ratio**2
-    return 3 * squared**2 / ratio**4 - 8 * squared / ratio**2 - 3
+    return 3 / ratio**4 + 4 / ratio**2 - 7
 
 
 def follower_pressure(pressure: CF, k: Kinematics, normal: CF, v: CF) -> CF:
