@@ -97,9 +97,12 @@ def run(
     Example: ngfsi run calf.toml --set time.step_ms=10 --set 'materials.tissue={set="neo_hookean_likely"}'
     """
     from ngfsi.case import Case
+    from ngfsi.case.plausible import implausible
     from ngfsi.run import run as compute
 
     chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    for sentence in implausible(chosen):
+        _say(f"warning: {sentence}")
     folder = output or Path("runs") / chosen.name
     with _interruptible(folder):
         compute(chosen, folder, quiet=quiet, max_wall=max_wall)
