@@ -14,11 +14,11 @@ import pytest
 import vtk
 from meshio._mesh import topological_dimension
 from ngfsi_geometry.external import ExternalMesh
-from ngfsi_geometry.meshfiles.kinds import KINDS as KINDS_BY_NAME
 from ngfsi_geometry.segment import MeshSettings
 from ngfsi_geometry.tube import TubeSegment
 
 from ngfsi.errors import GeometryError
+from ngfsi.mesh.cells import KINDS as KINDS_BY_NAME
 from ngfsi.mesh.domain import Domain
 from tests.vein import domain_of
 

@@ -8,18 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ngfsi_geometry.meshfiles.kinds import KINDS, SOLIDS, SURFACES
+from ngfsi.mesh.cells import FACES_IN_ABAQUS, KINDS, SOLIDS, SURFACES
 from ngfsi_geometry.meshfiles.raw import Array, Block, Group, Indices, RawMesh, UnreadableError
 
 SOLID = re.compile(r"(?:[ADFGQ]{0,2}C|F)3D(\d+)", re.IGNORECASE)
 SHELL = re.compile(r"(?:DS|S|SC|STRI|M3D|SFM3D|R3D|CPS|CPE|DC2D)(\d)", re.IGNORECASE)
-FACES = {
-    4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
-    5: ((0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
-    6: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
-    8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
-}
-"""Number of corners -> corners of the faces S1, S2 ... of a solid element."""
 
 
 @dataclass
@@ -224,7 +217,7 @@ def _corners(name: str, face: str, kind: str, nodes: list[int]) -> list[int]:
     """Return the corners of a face of an element, "S1" and so on; of a shell its own."""
     if KINDS[kind].dim == 2:
         return nodes[: KINDS[kind].corners]
-    local = FACES[KINDS[kind].corners]
+    local = FACES_IN_ABAQUS[KINDS[kind].corners]
     if not re.fullmatch(r"S[1-9]", face) or int(face[1]) > len(local):
         raise UnreadableError(f"the surface '{name[:40]}' has the face '{face[:10]}' of a {kind}, which is none")
     return [nodes[k] for k in local[int(face[1]) - 1]]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ngfsi_geometry.meshfiles.kinds import SOLIDS, SURFACES
+from ngfsi.mesh.cells import SOLIDS, SURFACES
 from ngfsi_geometry.meshfiles.raw import Block, Group, Indices, RawMesh, UnreadableError, titles_of
 
 LARGEST = 2**31

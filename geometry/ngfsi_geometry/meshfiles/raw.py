@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.errors import GeometryError
-from ngfsi_geometry.meshfiles.kinds import KINDS, NODES
+from ngfsi.mesh.cells import KINDS, NODES
 
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]

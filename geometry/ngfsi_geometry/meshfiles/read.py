@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ngfsi.errors import GeometryError
+from ngfsi.mesh.cells import KINDS, NODES
 from ngfsi_geometry.meshfiles import abaqus, gmsh, netgen, vtkxml, xdmf
-from ngfsi_geometry.meshfiles.kinds import KINDS, NODES
 from ngfsi_geometry.meshfiles.raw import Array, Block, Group, RawMesh, UnreadableError, grouped_by_arrays
 
 LARGEST = 2 * 1024**3
@@ -65,14 +66,21 @@ def _title(folder: Path, file: Path) -> str:
 
 
 def _without_prefix(parts: dict[str, RawMesh]) -> dict[str, RawMesh]:
-    """Return the parts with the files' titles before those of their groups; alone for a file with one group."""
+    """Return the parts whose groups have their file's title before their own titles, unless no other file has them.
+
+    A file with one group of a dimension gives it its title.
+    """
+    known = Counter((group.dim, title) for part in parts.values() for group in part.groups for title in group.titles)
     found = {}
     for title, part in parts.items():
         groups = []
         for group in part.groups:
-            alone = sum(other.dim == group.dim for other in part.groups) == 1
+            alone = title and sum(other.dim == group.dim for other in part.groups) == 1
+            plain = tuple(t for t in group.titles if known[group.dim, t] == 1)
+            named = tuple(t for t in plain if not t.replace(":", "").isdigit())
             own = tuple("/".join(filter(None, (title, t))) for t in group.titles)
-            groups.append(Group((*((title,) if alone and title else ()), *own), group.dim, group.members))
+            titles = (*named, *((title,) if alone else ()), *own, *plain)
+            groups.append(Group(tuple(dict.fromkeys(titles)), group.dim, group.members))
         found[title] = RawMesh(part.points, part.blocks, tuple(groups), part.remarks)
     return found
 

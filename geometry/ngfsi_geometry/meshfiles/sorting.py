@@ -17,9 +17,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ngfsi.errors import GeometryError, suggestion
+from ngfsi.mesh.cells import KINDS, Kind
 from ngfsi.mesh.curving import EdgeBulges
 from ngfsi.units import in_unit
-from ngfsi_geometry.meshfiles.kinds import KINDS, Kind
 from ngfsi_geometry.meshfiles.raw import Array, Group, Indices, RawMesh
 
 REGIONS = ("fluid", "wall", "tissue")
@@ -473,21 +473,43 @@ def _boundaries(faces: Faces, titles: Sequence[str | None]) -> tuple[tuple[str, 
 
 
 def _bulges(nodes: Array, new: Indices, bodies: Iterable[tuple[str, Kind, Indices]]) -> EdgeBulges:
-    """Return the edges that have middle nodes.
+    """Return the edges that have middle nodes, and the quadrilaterals.
 
-    Which node is in the middle of which edge is seen from their places: formats differ in that order.
+    Which node is in the middle of what is seen from their places: formats differ in that order.
     """
     edges, bulges = [np.zeros((0, 2), dtype=np.int64)], [np.zeros((0, 3))]
+    quads, middles = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 3))]
     for _, kind, cell in bodies:
-        if cell.shape[1] > kind.corners:
-            ends = np.array(kind.edges)
-            straight = nodes[cell[:, ends]].mean(axis=2)
-            middles = nodes[cell[:, kind.corners :]]
-            away = np.linalg.norm(middles[:, :, None] - straight[:, None], axis=-1)
-            size = np.max(np.ptp(nodes[cell[:, : kind.corners]], axis=1), axis=1)
-            places, numbers = linear_sum_assignment(np.mean((away / size[:, None, None]) ** 2, axis=0))
-            for place, number in zip(places, numbers, strict=True):
-                edges.append(np.sort(new[cell[:, ends[number]]], axis=1))
-                bulges.append(middles[:, place] - straight[:, number])
+        if cell.shape[1] == kind.corners:
+            continue
+        size = np.max(np.ptp(nodes[cell[:, : kind.corners]], axis=1), axis=1)
+        fours = [face for face in kind.faces if len(face) == 4]
+        further = cell.shape[1] > kind.corners + len(kind.edges)
+        places = [*kind.edges, *(fours if further else ()), *((tuple(range(kind.corners)),) if further else ())]
+        straight = np.stack([nodes[cell[:, list(place)]].mean(axis=1) for place in places], axis=1)
+        found = nodes[cell[:, kind.corners :]]
+        away = np.linalg.norm(found[:, :, None] - straight[:, None], axis=-1) / size[:, None, None]
+        for node, number in zip(*linear_sum_assignment(np.mean(away**2, axis=0)), strict=True):
+            corners = new[cell[:, list(places[number])]]
+            if len(places[number]) == 2:
+                edges.append(np.sort(corners, axis=1))
+                bulges.append(found[:, node] - straight[:, number])
+            elif number < len(kind.edges) + len(fours):
+                quads.append(corners)
+                middles.append(found[:, node] - straight[:, number])
     both, first = np.unique(np.vstack(edges), axis=0, return_index=True)
-    return EdgeBulges(both, np.vstack(bulges)[first])
+    on_edges = np.vstack(bulges)[first]
+    around = np.vstack(quads)
+    four, one = np.unique(np.sort(around, axis=1), axis=0, return_index=True)
+    beyond = np.vstack(middles)[one] - _by_edges(around[one], both, on_edges)
+    return EdgeBulges(both, on_edges, four, beyond)
+
+
+def _by_edges(quads: Indices, edges: Indices, bulges: Array) -> Array:
+    """Return how far the middles of quadrilaterals (m, 4), corners in turn, follow the bulges of their edges: half."""
+    number = {edge: k for k, edge in enumerate(map(tuple, edges.tolist()))}
+    total = np.zeros((len(quads), 3))
+    for side in range(4):
+        ends = np.sort(quads[:, [side, (side + 1) % 4]], axis=1)
+        total += bulges[[number[a, b] for a, b in ends.tolist()]] / 2
+    return total

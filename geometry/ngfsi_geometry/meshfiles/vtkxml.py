@@ -14,8 +14,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ngfsi_geometry.meshfiles.kinds import NODES, SURFACES
-from ngfsi_geometry.meshfiles.raw import Array, Block, Indices, RawMesh, UnreadableError, grouped_by_arrays
+from ngfsi.mesh.cells import NODES, SURFACES
+from ngfsi_geometry.meshfiles.raw import (
+    Array,
+    Block,
+    Indices,
+    RawMesh,
+    UnreadableError,
+    grouped_by_arrays,
+)
 
 KINDS_OF = {
     1: "vertex", 3: "line", 21: "line3", 5: "triangle", 22: "triangle6", 34: "triangle7", 9: "quad", 23: "quad8",
@@ -29,8 +36,10 @@ DTYPES = {"Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "
 INFLATE: dict[str, Callable[[bytes], bytes]] = {
     "vtkZLibDataCompressor": zlib.decompress, "vtkLZMADataCompressor": lzma.decompress,
 }  # fmt: skip
-REGIONS, BOUNDARIES = "regions", "boundaries"
-"""Field data with the names of the numbers in the arrays region and boundary, as `ngfsi export` writes them."""
+
+
+NAMED = {"region": 3, "boundary": 2}
+"""Field data of `ngfsi export`, with the number of a name, begin so -> dimension of the cells with that number."""
 
 
 class Arrays:
@@ -58,14 +67,14 @@ class Arrays:
         self._inflate = INFLATE[name] if name else None
 
     def of(self, element: Any) -> Any:
-        """Return the values of a DataArray; of one of texts a list."""
+        """Return the values of a DataArray."""
         kind, form = element.get("type"), element.get("format", "ascii")
-        if kind != "String" and kind not in DTYPES:
+        if kind not in DTYPES:
             raise UnreadableError(f"it has an array of {str(kind)[:40]}")
-        dtype = np.dtype(self._order + DTYPES.get(kind, "u1"))
+        dtype = np.dtype(self._order + DTYPES[kind])
         if form == "ascii":
             words = (element.text or "").split()
-            values = np.array(words).astype("u1" if kind == "String" else dtype) if words else np.zeros(0, dtype)
+            values = np.array(words).astype(dtype) if words else np.zeros(0, dtype)
         elif form == "appended":
             at = int(element.get("offset", 0))
             if not 0 <= at <= len(self._appended):
@@ -73,8 +82,6 @@ class Arrays:
             values = np.frombuffer(self._bytes(self._appended[at:], self._raw), dtype=dtype)
         else:
             values = np.frombuffer(self._bytes((element.text or "").strip().encode(), False), dtype=dtype)
-        if kind == "String":
-            return [text.decode("utf-8", "replace") for text in values.tobytes().split(b"\0") if text]
         width = int(element.get("NumberOfComponents") or 1)
         return values.reshape(-1, width) if width > 1 else values
 
@@ -127,8 +134,11 @@ def _read(data: bytes, wanted: str | None, file: str) -> RawMesh:
     grid = next((e for e in arrays.root if e.tag in ("UnstructuredGrid", "PolyData")), None)
     if grid is None:
         raise UnreadableError("it holds no unstructured grid and no polygons")
-    names = {e.get("Name"): arrays.of(e) for e in grid.iterfind("FieldData/DataArray") if e.get("type") == "String"}
-    names |= {e.get("Name"): arrays.of(e) for e in grid.iterfind("FieldData/Array") if e.get("type") == "String"}
+    names = {}
+    for element in grid.iterfind("FieldData/DataArray"):
+        what, _, name = str(element.get("Name")).partition(":")
+        if what in NAMED and name:
+            names[NAMED[what], int(np.ravel(arrays.of(element))[0])] = name
     pieces = [(_piece(piece, arrays, grid.tag == "PolyData")) for piece in grid.iterfind("Piece")]
     if not pieces:
         raise UnreadableError("it holds no piece")
@@ -143,12 +153,7 @@ def _read(data: bytes, wanted: str | None, file: str) -> RawMesh:
                 values[name].append(cell_arrays[name][numbers])
         points.append(place)
         offset += len(place)
-    titles = {
-        (dim, number): name
-        for dim, key in ((3, REGIONS), (2, BOUNDARIES))
-        for number, name in enumerate(names.get(key, ()))
-    }
-    groups = grouped_by_arrays(tuple(blocks), values, wanted, file, titles)
+    groups = grouped_by_arrays(tuple(blocks), values, wanted, file, names)
     return RawMesh(np.vstack(points), tuple(blocks), groups)
 
 

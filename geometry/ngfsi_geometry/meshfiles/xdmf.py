@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ngfsi_geometry.meshfiles.kinds import NODES
+from ngfsi.mesh.cells import NODES
 from ngfsi_geometry.meshfiles.raw import Block, RawMesh, UnreadableError, grouped_by_arrays
 
 TOPOLOGIES = {
@@ -70,7 +70,13 @@ def _read(path: Path, wanted: str | None, file: str) -> RawMesh:
                 parts += [whole[rows] for _, _, rows in new]
     for parts in values.values():  # grids of faces and of cells have attributes of their own
         parts += [np.full(n, -1) for n in sizes[len(parts) :]]
-    return RawMesh(points, tuple(blocks), grouped_by_arrays(tuple(blocks), values, wanted, file))
+    names = {
+        (int(entry.get("dim", 0)), int(entry.text or 0)): str(entry.get("key"))
+        for grid in grids
+        for information in grid.iterfind("Information")
+        for entry in (ElementTree.fromstring(information.text) if information.text else ())
+    }
+    return RawMesh(points, tuple(blocks), grouped_by_arrays(tuple(blocks), values, wanted, file, names))
 
 
 def _cells(topology: Any, path: Path) -> Iterator[tuple[str, Any, Any]]:

@@ -1,4 +1,4 @@
-"""Kinds of cells, with corners in VTK's order."""
+"""Kinds of cells of meshes in files, with corners in VTK's order."""
 
 from __future__ import annotations
 
@@ -42,3 +42,10 @@ NODES = {name: int("".join(c for c in name if c.isdigit()) or kind.corners) for 
 SURFACES = {3: "triangle", 4: "quad", 6: "triangle6", 7: "triangle7", 8: "quad8", 9: "quad9"}
 SOLIDS = {NODES[name]: name for name, kind in KINDS.items() if kind.dim == 3}
 """Number of nodes -> name of a surface's, and of a solid's, cell."""
+FACES_IN_ABAQUS = {
+    4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
+    5: ((0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+    6: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
+}
+"""Number of corners of a solid element -> corners of its faces S1, S2 ... of Abaqus."""
