@@ -5,6 +5,7 @@ Each holds cells and faces of boundaries, with the names of regions and boundari
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -12,14 +13,16 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import meshio
+import ngsolve as ng
 import numpy as np
 import pyvista as pv
 
 from ngfsi.arrays import Numbers
 from ngfsi.errors import OutputError, unknown
 from ngfsi.mesh.cells import FACES_IN_ABAQUS, KINDS
+from ngfsi.mesh.domain import Domain
 from ngfsi.store.disk import explained
-from ngfsi.store.fields import BOUNDARIES, FACES, REGION, REGIONS
+from ngfsi.store.fields import BOUNDARIES, DISPLACEMENT, FACES, FOLDER, NUMBERED, REGION, REGIONS, FieldWriter
 from ngfsi.store.stored import StoredRun
 
 FORMATS = {"xdmf": ".xdmf", "vtu": ".vtu", "gmsh": ".msh", "abaqus": ".inp"}
@@ -86,6 +89,16 @@ def export(run: StoredRun, time: float, fmt: str, destination: Path | None = Non
     return path, found
 
 
+def of_domain(domain: Domain) -> Named:
+    """Return the mesh of a domain in its reference shape, curved cells of second order, in single precision."""
+    rest = ng.CF((0.0,) * domain.mesh.dim)
+    with tempfile.TemporaryDirectory(prefix="ngfsi-mesh-") as scratch:
+        writer = FieldWriter(Path(scratch), domain, {DISPLACEMENT: rest})
+        writer.write(0.0)
+        grid = pv.read(Path(scratch) / FOLDER / NUMBERED.format("volume", 0))
+    return _named(grid, range(len(domain.regions)))
+
+
 def write(named: Named, path: Path, fmt: str) -> None:
     """Write a mesh in one of `FORMATS`.
 
@@ -96,7 +109,7 @@ def write(named: Named, path: Path, fmt: str) -> None:
         # version 2.2 keeps names and is read by every program
         meshio.write(path, _with_groups(named), file_format="gmsh22")
     elif fmt == "abaqus":
-        path.write_text("\n".join(_abaqus(named._replace(mesh=_straight(named.mesh)))) + "\n", encoding="utf-8")
+        path.write_text("\n".join(_abaqus(named._replace(mesh=straight(named.mesh)))) + "\n", encoding="utf-8")
     elif fmt == "vtu":
         grid = pv.from_meshio(named.mesh)
         for field, names in ((REGION, named.regions), (BOUNDARY, named.boundaries)):
@@ -109,7 +122,7 @@ def write(named: Named, path: Path, fmt: str) -> None:
         for dim, place in ((largest, path), (largest - 1, path.with_stem(f"{path.stem}_boundaries"))):
             part = _part(named.mesh, dim)
             if part.cells:
-                meshio.write(place, _straight(part) if len(part.cells) > 1 else part, file_format="xdmf")
+                meshio.write(place, straight(part) if len(part.cells) > 1 else part, file_format="xdmf")
                 _inform(place, dim, named.regions if dim == largest else named.boundaries)
 
 
@@ -178,7 +191,7 @@ def _faces(rows: Numbers, cells: Sequence[tuple[str, Any]], numbers: Sequence[An
     return [(title, np.array(faces), np.array(tags, dtype=np.int32)) for title, (faces, tags) in found.items()]
 
 
-def _straight(mesh: meshio.Mesh) -> meshio.Mesh:
+def straight(mesh: meshio.Mesh) -> meshio.Mesh:
     """Return the mesh with straight cells between the corners alone."""
     kinds = [KINDS[block.type] for block in mesh.cells]
     corners = [block.data[:, : kind.corners] for block, kind in zip(mesh.cells, kinds, strict=True)]

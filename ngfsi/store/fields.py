@@ -72,10 +72,6 @@ class BoundaryFaces:
         """
         mesh = domain.mesh
         names = list(domain.geometry.boundary_names)
-        straight = np.array([vertex.point for vertex in mesh.vertices])
-        shape = mesh.deformation
-        moved = [np.asarray(part.vec)[: mesh.nv] for part in shape.components] if shape else []
-        places = straight + np.column_stack(moved) if moved else straight
         owner: dict[int, int] = {}
         corners = []
         for element in mesh.Elements(ng.VOL):
@@ -87,7 +83,10 @@ class BoundaryFaces:
             if face.mat in names:
                 cell = owner[(face.faces if mesh.dim == 3 else face.edges)[0].nr]
                 there = np.asarray(nodes(cell))[: len(corners[cell]), : mesh.dim]
-                on = [int(np.argmin(np.sum((there - places[vertex.nr]) ** 2, axis=1))) for vertex in face.vertices]
+                on = [
+                    int(np.argmin(np.sum((there - domain.vertices[vertex.nr]) ** 2, axis=1)))
+                    for vertex in face.vertices
+                ]
                 rows.append([names.index(face.mat), cell, *on, *[-1] * (4 - len(on))])
         return cls(names, np.array(rows, dtype=np.int32).reshape(-1, 6))
 
