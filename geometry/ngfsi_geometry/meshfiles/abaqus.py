@@ -39,7 +39,7 @@ def read(data: bytes) -> RawMesh:
     """Return the mesh in a file's content.
 
     Raises:
-        UnreadableError: it is none.
+        UnreadableError, or another of `read.DAMAGED`: it is none.
     """
     parts: dict[str, Part] = {}
     instances: dict[str, str] = {}
@@ -124,14 +124,13 @@ def _take(part: Part, keyword: Keyword, remarks: list[str]) -> None:
 
 
 def _members(part: Part, lines: list[list[str]], generate: bool) -> list[int]:
+    found: list[int] = []
     if generate:
-        found: list[int] = []
         for first, last, *step in lines:
-            if not 0 <= _whole(last) - _whole(first) < 10**9:
-                raise UnreadableError("a set of elements is of no length")
-            found += range(_whole(first), _whole(last) + 1, _whole(step[0]) if step and step[0] != "0" else 1)
+            every = max(_whole(step[0]), 1) if step and step[0] else 1
+            chosen = range(_whole(first), _whole(last) + 1, every)
+            found += [number for number in part.elements if number in chosen]
         return found
-    found = []
     for word in (w for words in lines for w in words if w):
         found += part.sets.get(word, []) if not word.lstrip("-").isdigit() else [int(word)]
     return found

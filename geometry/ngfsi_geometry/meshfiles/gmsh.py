@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ngfsi_geometry.meshfiles.raw import Array, Block, Group, Indices, RawMesh, UnreadableError, titles_of
+from ngfsi_geometry.meshfiles.raw import Array, Block, Group, Indices, RawMesh, UnreadableError, integers, titles_of
 
 TYPES = {
     1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid", 8: "line3",
@@ -59,7 +59,7 @@ def read(data: bytes, wanted: str | None = None) -> RawMesh:
         wanted: "gmsh:geometrical" takes the geometry's entities for groups, None or "gmsh:physical" physical groups.
 
     Raises:
-        UnreadableError: it is none, or of another version.
+        UnreadableError, or another of `read.DAMAGED`: it is none, or of another version.
     """
     sections = dict(_sections(data))
     version, binary, order = _format(sections)
@@ -152,7 +152,7 @@ def _nodes2(stream: Stream, section: bytes, binary: bool, order: str) -> tuple[I
     if not binary:
         count = stream.one("u")
         rows = stream.take("d", 4 * count).reshape(count, 4)
-        return rows[:, 0].astype(np.int64), rows[:, 1:]
+        return integers(rows[:, 0]), rows[:, 1:]
     count, body = _counted(section)
     record = np.dtype([("number", "i4"), ("place", "f8", 3)])
     record = record if order == "=" else record.newbyteorder(">")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import zlib
 from typing import Any
 
@@ -19,17 +18,14 @@ def read(data: bytes) -> RawMesh:
     """Return the mesh in a file's content.
 
     Raises:
-        UnreadableError: it is none.
+        UnreadableError, or another of `read.DAMAGED`: it is none.
     """
-    try:
-        if data[:2] == b"\x1f\x8b":
-            unpack = zlib.decompressobj(wbits=31)
-            data = unpack.decompress(data, LARGEST)
-            if unpack.unconsumed_tail or not unpack.eof:
-                raise UnreadableError("it is not whole, or larger than 2 GB")
-        return _read(data.decode("utf-8", "replace").splitlines())
-    except (gzip.BadGzipFile, zlib.error, ValueError, IndexError) as error:
-        raise UnreadableError(str(error) or type(error).__name__) from None
+    if data[:2] == b"\x1f\x8b":
+        unpack = zlib.decompressobj(wbits=31)
+        data = unpack.decompress(data, LARGEST)
+        if unpack.unconsumed_tail or not unpack.eof:
+            raise UnreadableError("it is not whole, or larger than 2 GB")
+    return _read(data.decode("utf-8", "replace").splitlines())
 
 
 def _read(lines: list[str]) -> RawMesh:

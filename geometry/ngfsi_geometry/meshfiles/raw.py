@@ -16,6 +16,14 @@ Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 
 
+LARGEST_NUMBER = 2.0**53
+"""Of an integer that a real number holds."""
+
+
+FARTHEST = 1e12
+"""Coordinate of a node, in whatever unit, from which on it is none."""
+
+
 class UnreadableError(Exception):
     """A file is not what its format asks for; `read` says of which file."""
 
@@ -73,8 +81,8 @@ class RawMesh:
         used = np.unique(np.concatenate([block.nodes.ravel() for block in self.blocks] or [np.zeros(0, np.int64)]))
         if len(used) and (used[0] < 0 or used[-1] >= len(points)):
             raise UnreadableError(f"a cell has a node that is not among its {len(points)} nodes")
-        if not np.isfinite(points[used]).all():
-            raise UnreadableError("a node has a coordinate that is not finite")
+        if not (np.abs(points[used]) < FARTHEST).all():
+            raise UnreadableError(f"a node has a coordinate that is not finite, or of {FARTHEST:g} or more")
         for block in self.blocks:
             if block.nodes.shape[1:] != (NODES[block.kind],):
                 raise UnreadableError(f"cells '{block.kind}' have {block.nodes.shape[1:]} nodes")
@@ -118,9 +126,21 @@ def whole(values: object) -> Indices | None:
         array = array[:, 0]
     if array.ndim != 1 or array.dtype.kind not in "iufb":
         return None
-    if array.dtype.kind == "f" and not (np.isfinite(array).all() and (array == np.round(array)).all()):
+    if array.dtype.kind == "f" and not ((np.abs(array) < LARGEST_NUMBER).all() and (array == np.round(array)).all()):
         return None
     return array.astype(np.int64)
+
+
+def integers(values: object) -> Indices:
+    """Return numbers of nodes or counts as integers.
+
+    Raises:
+        UnreadableError: they are none.
+    """
+    found = whole(np.ravel(np.asarray(values)))
+    if found is None:
+        raise UnreadableError("a number that should be whole is none")
+    return found
 
 
 KNOWN_ARRAYS = ("gmsh:physical", "ModelRegionID", "ModelFaceID", "CellEntityIds", "cell_tags", "CellTags", "medit:ref",

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import lzma
+import re
 import warnings
+import zlib
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,6 +26,9 @@ SUFFIXES = (".msh", ".inp", ".vtu", ".vtp", ".xdmf", ".vol", ".vol.gz", ".vtk", 
 """What is looked for in a folder."""
 COMPLETE = "mesh-complete"
 """Begins the names of the files that SimVascular writes for one mesh."""
+DAMAGED = (ValueError, KeyError, IndexError, TypeError, OverflowError, MemoryError, RuntimeError, EOFError, zlib.error,
+           lzma.LZMAError, ElementTree.ParseError)  # fmt: skip
+"""What readers stumble over in files that are not whole."""
 MATCH = 1e-2
 """Nodes of the files of a folder are the same if they are nearer than this fraction of the shortest edge."""
 
@@ -140,8 +147,11 @@ def _file(path: Path, groups: str | None, file: str) -> RawMesh:
         return _other(path, groups, file).checked()
     except OSError as error:
         raise GeometryError(f"the mesh '{file}' cannot be read: {error.strerror or error}") from None
-    except (UnreadableError, MemoryError, ValueError, OverflowError) as error:
-        raise GeometryError(f"'{file}' cannot be read as a mesh: {error or type(error).__name__}") from None
+    except UnreadableError as error:
+        raise GeometryError(f"'{file}' cannot be read as a mesh: {error}") from None
+    except DAMAGED as error:
+        reason = re.sub(r"np\.\w+_\((.*)\)", r"\1", f"{type(error).__name__}: {error}")
+        raise GeometryError(f"'{file}' cannot be read as a mesh: it is damaged ({reason[:200]})") from None
 
 
 def _other(path: Path, groups: str | None, file: str) -> RawMesh:

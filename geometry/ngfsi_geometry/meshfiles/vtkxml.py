@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import lzma
 import re
 import zlib
@@ -22,6 +21,7 @@ from ngfsi_geometry.meshfiles.raw import (
     RawMesh,
     UnreadableError,
     grouped_by_arrays,
+    integers,
 )
 
 KINDS_OF = {
@@ -33,9 +33,11 @@ KINDS_OF = {
 LAGRANGE = {69: "triangle6", 70: "quad9", 71: "tetra10", 72: "hexahedron27", 73: "wedge18"}
 DTYPES = {"Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
           "UInt64": "u8", "Float32": "f4", "Float64": "f8"}  # fmt: skip
-INFLATE: dict[str, Callable[[bytes], bytes]] = {
-    "vtkZLibDataCompressor": zlib.decompress, "vtkLZMADataCompressor": lzma.decompress,
+INFLATE: dict[str, Callable[[], Any]] = {
+    "vtkZLibDataCompressor": zlib.decompressobj, "vtkLZMADataCompressor": lzma.LZMADecompressor,
 }  # fmt: skip
+LARGEST_BLOCK = 2**28
+"""Bytes of a block that was compressed, beyond which it is damaged."""
 
 
 NAMED = {"region": 3, "boundary": 2}
@@ -55,10 +57,7 @@ class Arrays:
             data = data[: start.end()] + b"</AppendedData></VTKFile>"
         if b"<!ENTITY" in data[:4096]:
             raise UnreadableError("its XML defines entities")
-        try:
-            self.root: Any = ElementTree.fromstring(data)
-        except ElementTree.ParseError as error:
-            raise UnreadableError(f"it is not whole XML: {error}") from None
+        self.root: Any = ElementTree.fromstring(data)
         self._order = ">" if self.root.get("byte_order") == "BigEndian" else "<"
         self._header = self._order + ("u8" if self.root.get("header_type") == "UInt64" else "u4")
         name = self.root.get("compressor")
@@ -107,11 +106,12 @@ class Arrays:
             return piece(0, size + int(count))[size:]
         (blocks,) = np.frombuffer(piece(0, size), self._header).tolist()
         head = size * (3 + blocks)
-        _, _, _, *sizes = np.frombuffer(piece(0, head), self._header).tolist()
+        _, whole_block, _, *sizes = np.frombuffer(piece(0, head), self._header).tolist()
         begin = length(head)
         packed = piece(begin, sum(sizes))
         ends = np.cumsum([0, *sizes])
-        return b"".join(self._inflate(packed[a:b]) for a, b in pairwise(ends))
+        most = min(whole_block, LARGEST_BLOCK)
+        return b"".join(self._inflate().decompress(packed[a:b], most) for a, b in pairwise(ends))
 
 
 def read(data: bytes, wanted: str | None, file: str) -> RawMesh:
@@ -121,15 +121,9 @@ def read(data: bytes, wanted: str | None, file: str) -> RawMesh:
         wanted: array that numbers the groups; None: see `grouped_by_arrays`.
 
     Raises:
-        UnreadableError, GeometryError: it is none; the groups cannot be told.
+        UnreadableError, or another of `read.DAMAGED`: it is none.
+        GeometryError: the groups cannot be told.
     """
-    try:
-        return _read(data, wanted, file)
-    except (ValueError, KeyError, IndexError, OverflowError, zlib.error, lzma.LZMAError, binascii.Error) as error:
-        raise UnreadableError(str(error) or type(error).__name__) from None
-
-
-def _read(data: bytes, wanted: str | None, file: str) -> RawMesh:
     arrays = Arrays(data)
     grid = next((e for e in arrays.root if e.tag in ("UnstructuredGrid", "PolyData")), None)
     if grid is None:
@@ -171,12 +165,12 @@ def _piece(piece: Any, arrays: Arrays, polygons: bool) -> tuple[Array, list[tupl
     else:
         first = 0
         parts = {e.get("Name"): arrays.of(e) for e in piece.iterfind("Cells/DataArray")}
-    nodes = np.asarray(parts["connectivity"]).astype(np.int64).ravel()
-    ends = np.asarray(parts["offsets"]).astype(np.int64).ravel()
+    nodes = integers(parts["connectivity"])
+    ends = integers(parts["offsets"])
     if len(ends) and (ends[-1] > len(nodes) or (np.diff(ends, prepend=0) < 0).any()):
         raise UnreadableError("its cells have other nodes than it holds")
     counts = np.diff(ends, prepend=0)
-    types = counts if polygons else np.asarray(parts["types"]).astype(np.int64).ravel()
+    types = counts if polygons else integers(parts["types"])
     if len(types) != len(ends):
         raise UnreadableError("its cells and their types are not as many")
     found = []

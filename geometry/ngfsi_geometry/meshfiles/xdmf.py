@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ngfsi.mesh.cells import NODES
-from ngfsi_geometry.meshfiles.raw import Block, RawMesh, UnreadableError, grouped_by_arrays
+from ngfsi_geometry.meshfiles.raw import Block, RawMesh, UnreadableError, grouped_by_arrays, integers
 
 TOPOLOGIES = {
     "polyvertex": "vertex", "polyline": "line", "triangle": "triangle", "quadrilateral": "quad", "tetrahedron": "tetra",
@@ -30,17 +30,9 @@ def read(path: Path, wanted: str | None, file: str) -> RawMesh:
     """Return the mesh in a file and in the HDF5 file that it names, which must lie beside it.
 
     Raises:
-        UnreadableError, GeometryError: it is none; the groups cannot be told.
+        UnreadableError, or another of `read.DAMAGED`: it is none.
+        GeometryError: the groups cannot be told.
     """
-    try:
-        return _read(path, wanted, file)
-    except ElementTree.ParseError as error:
-        raise UnreadableError(f"it is not whole XML: {error}") from None
-    except (ValueError, KeyError, IndexError, OverflowError, RuntimeError, OSError, TypeError) as error:
-        raise UnreadableError(str(error) or type(error).__name__) from None
-
-
-def _read(path: Path, wanted: str | None, file: str) -> RawMesh:
     data = path.read_bytes()
     if b"<!ENTITY" in data[:4096]:
         raise UnreadableError("its XML defines entities")
@@ -82,9 +74,9 @@ def _read(path: Path, wanted: str | None, file: str) -> RawMesh:
 def _cells(topology: Any, path: Path) -> Iterator[tuple[str, Any, Any]]:
     """Yield kind, nodes and numbers of the cells of a topology."""
     name = str(topology.get("TopologyType") or topology.get("Type")).lower()
-    rows = np.asarray(_values(topology.find("DataItem"), path)).astype(np.int64)
+    rows = integers(_values(topology.find("DataItem"), path))
     if name == "mixed":
-        yield from _mixed(rows.ravel())
+        yield from _mixed(rows)
         return
     if name not in TOPOLOGIES:
         raise UnreadableError(f"it has the topology '{name[:40]}'")
