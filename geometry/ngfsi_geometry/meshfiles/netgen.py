@@ -34,12 +34,12 @@ def _read(lines: list[str]) -> RawMesh:
         raise UnreadableError("it does not begin as a mesh of Netgen")
     sections: dict[str, list[list[str]]] = {}
     at = 0
-    while at < len(words):
+    while at < len(words) and words[at] != ["endmesh"]:  # behind it is the geometry that was meshed
         name = words[at][0] if len(words[at]) == 1 else ""
         count = words[at + 1] if at + 1 < len(words) else []
         if name.isidentifier() and len(count) == 1 and count[0].isdigit():
             rows = words[at + 2 : at + 2 + int(count[0])]
-            if len(rows) < int(count[0]):
+            if len(rows) < int(count[0]) or ["endmesh"] in rows:
                 raise UnreadableError("it ends too early")
             sections[name] = rows
             at += 2 + len(rows)
