@@ -1,4 +1,4 @@
-"""Command line: `ngfsi run`, `resume`, `study`, `verify`, `bench`, `info`, `report`, `export` and others.
+"""Command line: `ngfsi run`, `check`, `resume`, `study`, `verify`, `bench`, `info`, `report`, `export` and others.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
 equations could not be solved, 4 stopped before its end as asked (--max-wall, a file STOP), 130 interrupted by Ctrl-C,
@@ -65,6 +65,10 @@ Plugin = Annotated[
 ]  # fmt: skip
 """For every command that reads cases; what is done with it is done before the command begins."""
 Folder = Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; may be given again."),
+]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the results.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 MaxWall = Annotated[
@@ -82,10 +86,7 @@ def run(
     output: Output = None,
     quiet: Quiet = False,
     max_wall: MaxWall = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; may be given again."),
-    ] = None,
+    changes: Changes = None,
     _: Plugin = None,
 ) -> None:
     """Compute a case.
@@ -97,13 +98,41 @@ def run(
     Example: ngfsi run calf.toml --set time.step_ms=10 --set 'materials.tissue={set="neo_hookean_likely"}'
     """
     from ngfsi.case import Case
+    from ngfsi.case.plausible import implausible
     from ngfsi.run import run as compute
 
     chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    for sentence in implausible(chosen):
+        _say(f"warning: {sentence}")
     folder = output or Path("runs") / chosen.name
     with _interruptible(folder):
         compute(chosen, folder, quiet=quiet, max_wall=max_wall)
     _point_to(folder, quiet)
+
+
+@app.command()
+def check(
+    case: Annotated[Path, typer.Argument(help="Case file in TOML.", metavar="CASE.toml")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of picture and mesh; default runs/check-<name>.")
+    ] = None,
+    changes: Changes = None,
+    _: Plugin = None,
+) -> None:
+    """Look at the mesh of a case before it is run.
+
+    Regions, boundaries, openings, quality, unknowns and likely costs; a picture and a VTU file. Nothing is solved.
+
+    Example: ngfsi check vein.toml
+    """
+    from ngfsi.case import Case
+    from ngfsi.report.terminal import console
+    from ngfsi.run.check import check as look
+
+    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    with _interruptible(output or Path("runs")):
+        found = look(chosen, output or Path("runs") / f"check-{chosen.name}")
+    console().print(found.tables())
 
 
 @app.command()
@@ -333,7 +362,7 @@ def report(
         typer.echo(f"{len(draw(folders, figures))} figures are in '{figures}'")
 
 
-OWN = ("run", "resume", "study", "verify", "bench", "materials", "info", "cite", "export", "animate", "report")
+OWN = ("run", "check", "resume", "study", "verify", "bench", "materials", "info", "cite", "export", "animate", "report")
 """The commands above; others are registered by packages."""
 
 

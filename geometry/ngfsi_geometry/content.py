@@ -9,14 +9,14 @@ from ngfsi.errors import GeometryError
 
 
 def digest(path: str, what: str) -> str:
-    """Return the SHA-256 of a file, or of all files of a folder in the order of their names.
+    """Return the SHA-256 of a file, or of all files of a folder, and of those in it, in the order of their names.
 
     Raises:
         GeometryError: it cannot be read; `what` says what it should be.
     """
     place, found = Path(path), hashlib.sha256()
     try:
-        for file in sorted(place.iterdir()) if place.is_dir() else [place]:
+        for file in [f for f in sorted(place.rglob("*")) if f.is_file()] if place.is_dir() else [place]:
             found.update(file.read_bytes())
     except OSError as error:
         raise GeometryError(f"the {what} '{path}' cannot be read: {error.strerror or error}") from None

@@ -306,7 +306,7 @@ class Case(ConfigModel):
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Self:
-        """Return the case in a TOML file.
+        """Return the case in a TOML file, beside which the files are that it names by a relative path.
 
         Raises:
             CaseError: the file cannot be read, is not TOML, or a key or value in it is refused.
@@ -321,6 +321,7 @@ class Case(ConfigModel):
             raise CaseError(f"the case file '{path}' is not valid TOML: {error}") from None
         except (ValueError, RecursionError):  # of Python itself, which TOML's parser passes on
             raise CaseError(f"the case file '{path}' holds a number too long or tables too deeply nested") from None
+        _place_files(data, Path(path).absolute().parent)
         return cls.from_dict(data, source=str(path))
 
     def to_toml_dict(self) -> dict[str, Any]:
@@ -338,6 +339,15 @@ class Case(ConfigModel):
         """SHA-256 of the content without the name: equal for cases that must give equal results."""
         content = {key: value for key, value in self.to_toml_dict().items() if key != "name"}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _place_files(data: Any, folder: Path) -> None:
+    """Make the files named in tables, whose key is `file`, those in a folder, unless their paths are absolute."""
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+        if key == "file" and isinstance(value, str) and value:
+            data[key] = str(folder / value)
+        elif isinstance(value, dict | list):
+            _place_files(value, folder)
 
 
 def _solids_of(geometry: Any) -> str:

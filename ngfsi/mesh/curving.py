@@ -10,7 +10,7 @@ them, inside by the finite elements' own continuation.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import ngsolve as ng
@@ -20,31 +20,40 @@ from ngfsi.arrays import Array, Numbers
 
 EDGE_FACTOR = -8.0
 """NGSolve's function of second order on an edge is -1/8 in the edge's middle."""
+QUAD_FACTOR = EDGE_FACTOR**2
+"""And that on a quadrilateral the product of two such."""
 
 
 @dataclass(frozen=True)
 class EdgeBulges:
-    """A shape that is quadratic on each edge, as of second-order cells without nodes in faces.
+    """A shape that is quadratic on each edge, as of second-order cells, and on faces of four edges if they have nodes.
 
     Attributes:
         edges: numbers of their vertices, the smaller first, shape (n, 2).
         bulges: way from the middle of the straight edge to that of the curved one, shape (n, 3) [m].
+        quads: numbers of the corners of faces with a node in the middle, in ascending order, shape (m, 4).
+        quad_bulges: way to that node from where the edges alone would have it, shape (m, 3) [m].
     """
 
     edges: Numbers
     bulges: Array
+    quads: Numbers = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    quad_bulges: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def on(self, space: Any) -> Any:
         """Return the displacement as a grid function of a vector-valued H1 space of order 2 or more."""
         shape = ng.GridFunction(space)
-        numbers = {(int(a), int(b)): k for k, (a, b) in enumerate(self.edges)}
-        for edge in space.mesh.edges:
-            first, second = sorted(vertex.nr for vertex in edge.vertices)
-            number = numbers.get((first, second))
-            if number is not None:
-                dofs = np.reshape(space.GetDofNrs(ng.NodeId(ng.EDGE, edge.nr)), (len(self.bulges[number]), -1))
-                for dof, value in zip(dofs[:, 0], self.bulges[number], strict=True):
-                    shape.vec[int(dof)] = EDGE_FACTOR * float(value)
+        for nodes, bulges, sides, kind, factor in (
+            (self.edges, self.bulges, space.mesh.edges, ng.EDGE, EDGE_FACTOR),
+            (self.quads, self.quad_bulges, space.mesh.faces if len(self.quads) else (), ng.FACE, QUAD_FACTOR),
+        ):
+            numbers = {tuple(corners): k for k, corners in enumerate(nodes.tolist())}
+            for side in sides:
+                number = numbers.get(tuple(sorted(vertex.nr for vertex in side.vertices)))
+                if number is not None:
+                    dofs = np.reshape(space.GetDofNrs(ng.NodeId(kind, side.nr)), (len(bulges[number]), -1))
+                    for dof, value in zip(dofs[:, 0], bulges[number], strict=True):
+                        shape.vec[int(dof)] = factor * float(value)
         return shape
 
 
@@ -66,8 +75,8 @@ class BoundaryMotion:
         motion = ng.GridFunction(space)
         given = ng.BitArray(space.ndof)
         given[:] = False
-        for name, field in self.by_name.items():
-            _on_boundaries(motion, [name], field)
+        for name, displacement in self.by_name.items():
+            _on_boundaries(motion, [name], displacement)
             given |= space.GetDofs(ng.Region(space.mesh, ng.BND, name))
         given[space.ndof // 3 * 2 : space.ndof] = True  # z
         trial, test = space.TnT()

@@ -83,15 +83,29 @@ def animation(run: StoredRun, path: Path) -> str:
 
 
 def _in_child(kind: str, runs: Mapping[str, StoredRun], times: Sequence[float], path: Path) -> str:
+    folders = {title: str(run.path) for title, run in runs.items()}
+    return drawn("ngfsi.report.render:main", [kind, folders, list(times), str(path)], path)
+
+
+def drawn(function: str, request: Any, path: Path) -> str:
+    """Have a function of a module draw a picture in a child process, which first says that OpenGL works.
+
+    Args:
+        function: takes the name of a file with the request.
+        request: for JSON.
+        path: picture that the function writes.
+
+    Returns:
+        Why there is no picture; empty when there is one.
+    """
     with explained(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory(prefix="ngfsi-render-") as scratch:
         file = Path(scratch) / "request.json"
-        folders = {title: str(run.path) for title, run in runs.items()}
-        file.write_text(json.dumps([kind, folders, list(times), str(path)]), encoding="utf-8")
+        file.write_text(json.dumps(request), encoding="utf-8")
         try:
-            child = process.call("ngfsi.report.render:main", file, timeout=TIMEOUT)
+            child = process.call(function, file, timeout=TIMEOUT)
         except subprocess.TimeoutExpired:
             return f"drawing the picture took longer than {TIMEOUT:g} s and was given up"
     if child.returncode == 0 and path.exists():
@@ -104,10 +118,15 @@ def main(file: str) -> None:
     """Child process: draw the requested picture."""
     matplotlib.use("Agg")
     kind, folders, times, path = json.loads(Path(file).read_text(encoding="utf-8"))
-    pv.Plotter(off_screen=True, window_size=(10, 10)).screenshot()
-    print(OPENGL_WORKS, flush=True)
+    say_that_opengl_works()
     draw = {"displacement": _draw_displacement, "wall_shear": _draw_wall_shear, "animation": _draw_animation}
     draw[kind]({title: open_run(folder) for title, folder in folders.items()}, times, path)
+
+
+def say_that_opengl_works() -> None:
+    """Draw something small, and say so: a process that cannot ends here."""
+    pv.Plotter(off_screen=True, window_size=(10, 10)).screenshot()
+    print(OPENGL_WORKS, flush=True)
 
 
 def _draw_displacement(runs: Mapping[str, StoredRun], times: Sequence[float], path: str) -> None:
@@ -117,7 +136,7 @@ def _draw_displacement(runs: Mapping[str, StoredRun], times: Sequence[float], pa
     bones = {title: _bones(run) for title, run in runs.items()}
     walls = {title: run.fields(times[0], "wall") for title, run in runs.items() if run.field_times("wall")}
     for title, run in runs.items():
-        plotter = _plotter(WIDTH // 2, WIDTH // 2)
+        plotter = plotter_of(WIDTH // 2, WIDTH // 2)
         plotter.add_mesh(halves[title], scalars="displacement", clim=limits, **SHADED)
         if title in walls:
             plotter.add_mesh(walls[title], color=BLOOD, smooth_shading=True)
@@ -154,7 +173,7 @@ def _draw_wall_shear(runs: Mapping[str, StoredRun], times: Sequence[float], path
     width, length = float(sizes[0]), float(sizes[2])
     images = {}
     for title, wall in walls.items():
-        plotter = _plotter(WIDTH, round(WIDTH * width / length * 1.1))
+        plotter = plotter_of(WIDTH, round(WIDTH * width / length * 1.1))
         plotter.add_mesh(wall, scalars=SHEAR, clim=(low, high), **SHADED)
         _look_across(plotter, wall, frame, length)
         plotter.camera.parallel_scale = width * 0.52
@@ -179,7 +198,7 @@ def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path:
     width, length = float(sizes[0]), float(sizes[2])
     frames = []
     for time, wall in zip(times, walls, strict=True):
-        plotter = _plotter(WIDTH // 2, WIDTH // 6)
+        plotter = plotter_of(WIDTH // 2, WIDTH // 6)
         bar = {"title": WSS.label, "color": "black", "position_y": 0.04, "height": 0.12, "n_labels": 3}
         plotter.add_mesh(wall, scalars=SHEAR, clim=(0.0, high), **SHADED | {"show_scalar_bar": True},
                          scalar_bar_args=bar)  # fmt: skip
@@ -214,7 +233,8 @@ def _save_frames(frames: Sequence[Image.Image], path: Path) -> None:
     film.close()
 
 
-def _plotter(width: int, height: int) -> Any:
+def plotter_of(width: int, height: int) -> Any:
+    """Return a plotter off screen with a light at the eye."""
     plotter = pv.Plotter(off_screen=True, window_size=(width, height), lighting="none")
     plotter.add_light(pv.Light(light_type="headlight"))
     plotter.enable_anti_aliasing("ssaa")

@@ -13,6 +13,7 @@ from time import perf_counter
 import ngsolve as ng
 
 from ngfsi.case import Case
+from ngfsi.case.plausible import implausible
 from ngfsi.errors import Interrupted, NgfsiError, OutputError, SolverError, StoppedError
 from ngfsi.linear.backends import Name, choose_backend
 from ngfsi.measure.probe import Probe
@@ -138,6 +139,9 @@ class Computation:
 
     def run(self, stops: Stops, *, quiet: bool) -> None:
         """Compute everything, until the end or until `stops` wants."""
+        if self.start is None:
+            for sentence in (*implausible(self.case), *getattr(self.case.geometry, "remarks", ())):
+                self.folder.log(sentence)
         with self.watch("mesh"):
             domain = Domain.build(self.case.geometry)
             self._mesh = domain.fingerprint

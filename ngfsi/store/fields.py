@@ -2,7 +2,8 @@
 
 Points are those of the deformed shape; the field `displacement_m` leads back to the reference shape. Volume cells are
 curved, of second order whatever the order of the fields, and do not share points, so that fields may jump between
-regions; the cell field `region` numbers the regions in the order of the field data `regions`.
+regions; the cell field `region` numbers the regions in the order of the field data `regions`. Faces of boundaries stand
+in the field data `boundary_faces`, with the names `boundaries`: see `BoundaryFaces`.
 
 pyvista takes a quarter of a second to import, for which what writes no fields need not wait.
 """
@@ -16,6 +17,7 @@ from xml.etree import ElementTree
 
 import ngsolve as ng
 import numpy as np
+from numpy.typing import NDArray
 
 from ngfsi.errors import OutputError
 from ngfsi.measure.wall import WallSample
@@ -29,6 +31,7 @@ FOLDER = "fields"
 GRIDS, INDEX, NUMBERED = ("volume", "wall"), "{}.pvd", "{}_{:04d}.vtu"
 DISPLACEMENT = "displacement_m"
 REGION = "region"
+REGIONS, BOUNDARIES, FACES = "regions", "boundaries", "boundary_faces"
 COLLAPSE = "collapse_mode_1"
 """Motion in which the vein would collapse, without a size of its own (see measure/stability.py)."""
 STRESS, DEFORMATION = "stress_Pa", "deformation_gradient_1"
@@ -46,6 +49,46 @@ MIRRORED = {
     "BIQUADRATIC_QUADRATIC_WEDGE": [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8, 12, 13, 14, 15, 16, 17],
 }
 """VTK's name of a cell -> order of the nodes that turns one of negative size into the same of positive size."""
+
+
+class BoundaryFaces:
+    """Faces of the boundaries, by the cells that they are of.
+
+    Attributes:
+        names: of the boundaries.
+        rows: (n, 6) number of the name, number of a cell, and the places of the face's corners among the cell's nodes,
+            in order; -1 where there are fewer than four.
+    """
+
+    def __init__(self, names: Sequence[str], rows: NDArray[np.int32]) -> None:
+        self.names, self.rows = list(names), rows
+
+    @classmethod
+    def of(cls, domain: Domain, nodes: Any) -> BoundaryFaces:
+        """Return those of a domain.
+
+        Args:
+            nodes: of each cell, first those at its corners, their places [m] in the reference shape.
+        """
+        mesh = domain.mesh
+        names = list(domain.geometry.boundary_names)
+        owner: dict[int, int] = {}
+        corners = []
+        for element in mesh.Elements(ng.VOL):
+            corners.append([vertex.nr for vertex in element.vertices])
+            for side in element.faces if mesh.dim == 3 else element.edges:
+                owner.setdefault(side.nr, element.nr)
+        rows = []
+        for face in mesh.Elements(ng.BND):
+            if face.mat in names:
+                cell = owner[(face.faces if mesh.dim == 3 else face.edges)[0].nr]
+                there = np.asarray(nodes(cell))[: len(corners[cell]), : mesh.dim]
+                on = [
+                    int(np.argmin(np.sum((there - domain.vertices[vertex.nr]) ** 2, axis=1)))
+                    for vertex in face.vertices
+                ]
+                rows.append([names.index(face.mat), cell, *on, *[-1] * (4 - len(on))])
+        return cls(names, np.array(rows, dtype=np.int32).reshape(-1, 6))
 
 
 class FieldWriter:
@@ -85,6 +128,8 @@ class FieldWriter:
         self.times = {
             name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in GRIDS
         }
+        self._domain = domain
+        self._faces: BoundaryFaces | None = None
         self._forget_later_ones()
 
     def write(self, time: float) -> None:
@@ -143,10 +188,16 @@ class FieldWriter:
             if (values := np.asarray(grid.point_data[name])).shape[1:] == (2,):
                 grid.point_data[name] = np.pad(values, ((0, 0), (0, 1)))
         _orient(grid)
+        if self._faces is None:
+            starts, nodes = grid.cell_offsets, grid.cell_connectivity
+            points = np.asarray(grid.points)
+            self._faces = BoundaryFaces.of(self._domain, lambda k: points[nodes[starts[k] : starts[k + 1]]])
         grid.points += grid.point_data[DISPLACEMENT]
         _take_invariants(grid)
         grid.cell_data[REGION] = self._cell_regions
-        grid.field_data["regions"] = self._regions
+        grid.field_data[REGIONS] = self._regions
+        grid.field_data[BOUNDARIES] = self._faces.names
+        grid.field_data[FACES] = self._faces.rows
         return grid
 
 

@@ -440,6 +440,16 @@ def own_mesh() -> tuple[Path, TemporaryDirectory[str]]:
     return file, folder
 
 
+@entry("ExternalMesh.smooth")
+def _smooth() -> Outcome:
+    """Two tetrahedra whose skin is smooth, where its angles allow, hold more; a boundary must be there."""
+    given = {"file": str(own_mesh()[0]), "groups": "part", "names": {"7": "tissue", "8": "skin"}}
+    with pytest.raises(NgfsiError, match="'wall' is not a known boundary"):
+        ExternalMesh(**given, smooth=("wall",))
+    domain = Domain.build(ExternalMesh(**given, smooth=("skin",)), cache=False)
+    return [domain.geometry.curving_order, domain.volume("tissue") > (1 / 6 + 1 / 3) * 1e-9], [2, True]
+
+
 @entry("ExternalMesh.file", "ExternalMesh.groups", "ExternalMesh.names", "ExternalMesh.unit")
 def _own_mesh() -> Outcome:
     """Volumes of the tetrahedra, in the unit."""
