@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import pi, sqrt
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,13 +20,15 @@ from scipy.ndimage import binary_dilation, binary_fill_holes, binary_opening, ga
 from scipy.optimize import brentq
 
 from ngfsi.errors import GeometryError, unknown
-from ngfsi.outlines.outline import Outline, polygon_area
+from ngfsi.outlines.outline import Outline, closed, dense, distances, polygon_area
 from ngfsi.units import from_si, to_si
 from ngfsi_geometry.calf_section import COMPARTMENTS, NARROWEST_GAP, CalfSection, Vein
+from ngfsi_geometry.loft import series
 from ngfsi_geometry.lofted import LoftedVein
 from ngfsi_geometry.lofted_calf import ANATOMY, FEWEST, LoftedCalf, Stack
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
 
 PIXEL = 0.625e-3
@@ -50,7 +53,16 @@ AXES = "RAS"
 SMOOTHING = 0.7
 """Width (standard deviation) of the filter that takes the stairs off a mask, in pixels, the larger ones if unequal."""
 FEWEST_PIXELS = 9
-FEWEST_POINTS, MOST_POINTS = 16, 240
+FEWEST_POINTS, MOST_POINTS = 32, 240
+MODES = 1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48
+"""Numbers of modes that are tried."""
+POINTS_OF_A_MODE = 16
+FINE = 0.25
+"""Distance of the points of curves that are held against each other, in pixels."""
+ROUNDING = 1 / sqrt(12)
+"""Standard deviation, in pixels, of a place that is rounded to pixels."""
+LEVELS = 0.1, 0.9
+"""Between which the level of a smoothed mask is looked for, as fractions of its largest value."""
 LARGEST_AREA_ERROR = 0.05
 """Relative; outlines of parts that fall to pieces when smoothed have more."""
 EVEN = 0.01
@@ -206,10 +218,11 @@ class LabelMap:
         return range(int(there[0]), int(there[-1]) + 1)
 
     def outline(self, name: str, number: int) -> Outline:
-        """Return the smooth outline of a part in slice `number` (from 0); its area is that of the part's pixels.
+        """Return the smooth outline of a part in slice `number` (from 0), of the area and centroid of its pixels.
 
-        The mask is smoothed by a Gaussian, which alone would shrink what is round; of its levels that one is taken
-        which encloses the area of the pixels.
+        It is the series with the fewest modes that lies as near to the edge of the pixels as rounding to pixels would
+        move it: nowhere farther than one pixel. Parts of which none does are not seen whole from their middle, as a
+        crescent: theirs is a level line of the mask, smoothed by a Gaussian, that encloses the same area.
 
         Raises:
             GeometryError: the part is not there, too small, cut off by the image's border or in pieces.
@@ -232,10 +245,38 @@ class LabelMap:
                 f"{where} is in {count} pieces, the largest of {listed} mm2: remove the smaller ones or give each "
                 "vein a label of its own"
             )
-        outline = Outline.through(self._smooth(mask))
-        if abs(outline.area / (self._pixel_area * mask.sum()) - 1) > LARGEST_AREA_ERROR:
+        line = self._level_line(mask)
+        area = self._pixel_area * float(mask.sum())
+        if line is None or abs(line.area / area - 1) > LARGEST_AREA_ERROR:
             raise GeometryError(f"{where} hangs together by corners of pixels: widen it there or make it two parts")
-        return outline
+        pixel, middle = max(self.spacing[:2]), self._middle(mask)
+        edge = self._edge(mask)
+        rows = line.harmonics((middle[0], middle[1]), MODES[-1])
+        for modes in MODES:
+            ring = _star(rows[: modes + 1], area, middle, max(FEWEST_POINTS, POINTS_OF_A_MODE * modes))
+            if ring is None:
+                continue
+            away = distances(dense(closed(ring), FINE * pixel), edge)
+            if away.max() <= pixel and np.sqrt(np.mean(away**2)) <= ROUNDING * pixel:
+                return Outline.through(ring)
+        return line
+
+    def _middle(self, mask: Mask) -> Array:
+        """Return the centroid (x, y) [m] of pixels."""
+        return np.asarray(np.array(self.origin[:2]) + np.mean(np.argwhere(mask)[:, ::-1], axis=0) * self.spacing[:2])
+
+    def edge(self, name: str, number: int) -> Array:
+        """Return points (n, 2) [m] of the edge of a part's pixels in slice `number` (from 0)."""
+        return self._edge(self._mask(name, number))
+
+    def _edge(self, mask: Mask) -> Array:
+        lines = contour_generator(*self._axes(mask), mask.astype(float)).lines(0.5)
+        return np.vstack([dense(np.asarray(line), FINE * max(self.spacing[:2])) for line in lines])
+
+    def _axes(self, mask: Mask) -> tuple[Array, Array]:
+        """Return the places x, y [m] of the pixels of a slice."""
+        (x, y, _), (dx, dy, _) = self.origin, self.spacing
+        return np.asarray(x + dx * np.arange(mask.shape[1])), np.asarray(y + dy * np.arange(mask.shape[0]))
 
     def section(self, number: int, wall_thickness: float = 0.8e-3, **more: Any) -> CalfSection:
         """Return the cross-section in slice `number` (from 0) with all veins that are in it.
@@ -280,11 +321,18 @@ class LabelMap:
         except GeometryError as error:
             raise GeometryError(f"'{name}' from slice {there.start} on: {error}") from None
 
-    def stack(self, lumen: str = "lumen", first: int | None = None, last: int | None = None) -> Stack:
-        """Return the outlines of skin, bones and a vein in slices `first` to `last`, by default all that have the vein.
+    def stack(
+        self,
+        lumen: str = "lumen",
+        first: int | None = None,
+        last: int | None = None,
+        further: Sequence[str] = (),
+    ) -> Stack:
+        """Return the outlines of skin, bones and veins in slices `first` to `last`, by default all that have the vein.
 
         Args:
-            lumen: name of the vein; other veins count as tissue.
+            lumen: name of the first vein.
+            further: names of the others; those not named count as tissue.
 
         Raises:
             GeometryError: a part is missing from a slice or cannot be outlined.
@@ -301,19 +349,28 @@ class LabelMap:
                 "in more"
             )
         labels = {name: lumen if name == "lumen" else name for name in ANATOMY}
+        labels |= {f"lumen_{k}": name for k, name in enumerate(further, start=2)}
         outlines = {name: tuple(self.outline(title, k) for k in chosen) for name, title in labels.items()}
         return Stack(outlines, tuple(map(float, self.heights[chosen.start : chosen.stop])), chosen.start)
 
     def calf(
-        self, lumen: str = "lumen", first: int | None = None, last: int | None = None, **more: Any
-    ) -> LoftedCalf:  # fmt: skip
-        """Return the calf segment through slices, with one vein; arguments as of `stack`, and `more`: e.g. `mesh`.
+        self,
+        lumen: str = "lumen",
+        first: int | None = None,
+        last: int | None = None,
+        further: Sequence[str] = (),
+        **more: Any,
+    ) -> LoftedCalf:
+        """Return the calf segment through slices; arguments as of `stack`, and `more`: e.g. `mesh`.
 
         Raises:
             GeometryError: slices are missing or cannot be outlined, or the stack makes no calf.
         """
-        stack = self.stack(lumen, first, last)
-        return LoftedCalf(heights=stack.heights, first_slice=stack.first, **{**stack.outlines, **more})
+        stack = self.stack(lumen, first, last, further)
+        outlines = {name: stack.outlines[name] for name in ANATOMY}
+        others = tuple(stack.outlines[name] for name in stack.lumens[1:])
+        given = {"heights": stack.heights, "first_slice": stack.first, "further_lumens": others, **outlines}
+        return LoftedCalf(**{**given, **more})
 
     @property
     def _pixel_area(self) -> float:
@@ -350,26 +407,28 @@ class LabelMap:
             return np.asarray(pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:])) if apart.any() else whole
         return np.asarray(binary_fill_holes(layer == mine))
 
-    def _smooth(self, mask: Mask) -> Array:
-        """Return points (n, 2) [m] of the smooth outline of a mask in one piece."""
+    def _level_line(self, mask: Mask) -> Outline | None:
+        """Return the level line of the smoothed mask, in one piece, that encloses the area of its pixels, if any."""
         dx, dy, _ = self.spacing
         width = SMOOTHING * max(dx, dy)
         grey = gaussian_filter(mask.astype(float), (width / dy, width / dx))
-        x, y = self.origin[0] + dx * np.arange(mask.shape[1]), self.origin[1] + dy * np.arange(mask.shape[0])
-        lines = contour_generator(x, y, grey).lines
+        lines = contour_generator(*self._axes(mask), grey / grey.max()).lines
+        target = float(mask.sum()) * self._pixel_area
 
         def longest(level: float) -> Array:
             rings: list[Array] = [np.asarray(line) for line in lines(level)]
             return max(rings, key=len)
 
-        target = float(mask.sum()) * self._pixel_area
-        top = float(grey.max())
-        level = brentq(lambda fraction: polygon_area(longest(fraction * top)) - target, 0.1, 0.9, xtol=1e-6)
-        ring = longest(level * top)[:-1]
-        arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(np.vstack([ring, ring[:1]]), axis=0).T))]
+        def excess(level: float) -> float:
+            return polygon_area(longest(level)) - target
+
+        if excess(LEVELS[0]) * excess(LEVELS[1]) > 0:
+            return None
+        ring = longest(brentq(excess, *LEVELS, xtol=1e-6))[:-1]
+        arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(closed(ring), axis=0).T))]
         count = int(np.clip(arc[-1] / max(dx, dy), FEWEST_POINTS, MOST_POINTS))
         at = arc[-1] * np.arange(count) / count
-        return np.column_stack([np.interp(at, arc, np.r_[c, c[0]]) for c in ring.T])
+        return Outline.through(np.column_stack([np.interp(at, arc, np.r_[c, c[0]]) for c in ring.T]))
 
     def _check_apart(self, veins: Mapping[str, Outline], number: int, wall_thickness: float) -> None:
         named = list(veins.items())
@@ -382,6 +441,19 @@ class LabelMap:
                         f"{from_si(wall_thickness, 'mm'):.2g} mm need {from_si(needed, 'mm'):.2g} mm: choose a smaller "
                         "wall_thickness or give both the same label"
                     )
+
+
+def _star(row: Complex, area: float, centroid: Array, count: int) -> Array | None:
+    """Return points (count, 2) [m] of a series of squared distances over the angle, with the area [m2] and centroid [m]
+    that are given; None if it does not wind around its middle."""
+    squares = series(row, count)
+    if np.min(squares) <= 0:
+        return None
+    radii = np.sqrt(squares)
+    rays = np.exp(2j * pi * np.arange(count) / count)
+    middle = 2 / 3 * np.mean(radii**3 * rays) / np.mean(squares)
+    points = np.sqrt(area / (pi * row[0].real)) * (radii * rays - middle) + complex(*centroid)
+    return np.column_stack([points.real, points.imag])
 
 
 def read_image(path: Path) -> Any:
