@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ngfsi.arrays import Array
 from ngfsi_geometry.content import check_digest, digest
-from ngfsi_geometry.imaging import LABELS, LabelMap
+from ngfsi_geometry.imaging import LabelMap
 from ngfsi_geometry.lofted_calf import CalfLoft, Stack
 
 
@@ -17,9 +17,11 @@ class LabelledCalf(CalfLoft):
     """Calf segment through the slices of a segmented image: NIfTI, NRRD, or a folder with a DICOM series."""
 
     file: str = Field(min_length=1)
-    labels: dict[str, int] = Field(default_factory=lambda: dict(LABELS))
-    """Name -> number in the image: skin (what is in nothing else), tibia, fibula, lumen, and all others inside of the
-    skin."""
+    labels: dict[str, int | str] | None = None
+    """Name -> number or name of the segment in the image: skin (what is in nothing else), tibia, fibula, lumen, and all
+    others inside of the skin. Without it segments that the image names so, veins in their order, or usual numbers."""
+    label_table: str | None = None
+    """File that names the numbers: of ITK-SNAP or FreeSurfer, CSV with a head, or JSON."""
     vein: str = "lumen"
     """Name of the label of the vein."""
     further_veins: tuple[str, ...] = ()
@@ -38,7 +40,7 @@ class LabelledCalf(CalfLoft):
     @cached_property
     def _image(self) -> LabelMap:
         check_digest(self.file, "label map", self.sha256)
-        return LabelMap.read(Path(self.file), self.labels)
+        return LabelMap.read(Path(self.file), self.labels, Path(self.label_table) if self.label_table else None)
 
     def edge(self, part: str, number: int) -> Array:
         """Return points (n, 2) [m] of the edge of a part's pixels in one of the slices, from 0."""

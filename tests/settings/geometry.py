@@ -432,6 +432,15 @@ def _label_map() -> Outcome:
     return found, [pi * 25e-6, 7 / 4, pi * 16e-6]
 
 
+@entry("LabelledCalf.label_table", rel=3e-2)
+def _names_of_numbers() -> Outcome:
+    """Labels by name, from a table."""
+    table = image()[0].parent / "names.csv"
+    table.write_text("number,name\n" + "".join(f"{NUMBERS[name]},{name}\n" for name in ANATOMY))
+    calf = LabelledCalf(file=str(image()[0]), label_table=str(table), mesh=lofted().mesh)
+    return calf.exact_volumes()["fluid"] / calf.length, pi * 25e-6
+
+
 @entry("LabelledCalf.sha256", "ExternalMesh.sha256")
 def _content() -> Outcome:
     """A file with another content is refused."""
