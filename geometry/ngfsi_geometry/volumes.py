@@ -36,7 +36,9 @@ STRAIGHT = 1e-5
 """Shift of a slice over its distance from the next that counts as none: files round it so."""
 TO_AXES = np.diag([-1.0, -1.0, 1.0])
 """From SimpleITK's axes, which run left, posterior and up."""
-MOST_VOXELS = 4_000_000_000
+MOST_VOXELS = 2_000_000_000
+SMALLEST, LARGEST, FARTHEST = 1e-3, 100.0, 1e5
+"""Sizes of voxels, and the place of the first one, that are taken for those of a leg [mm]."""
 NIFTI_HEADER = 348
 
 
@@ -74,6 +76,7 @@ def read_volume(path: Path) -> Volume:
     """
     import SimpleITK as sitk  # noqa: N813 - its usual name
 
+    sitk.ProcessObject.SetGlobalWarningDisplay(False)
     try:
         if path.is_dir():
             return volume_of(*_read_series(path))
@@ -109,6 +112,12 @@ def volume_of(image: Any, steps: Array | None = None) -> Volume:
     lengths = np.linalg.norm(ways, axis=0)
     if not (np.all(np.isfinite(ways)) and np.all(lengths > 0) and np.all(np.isfinite(first))):
         raise GeometryError("the image says no distances of its voxels: set spacing, direction and origin in it")
+    if np.min(lengths) < SMALLEST or np.max(lengths) > LARGEST or np.max(np.abs(first)) > FARTHEST:
+        sizes = " x ".join(f"{length:.3g}" for length in lengths)
+        raise GeometryError(
+            f"the image says its voxels are {sizes} mm and begin at ({', '.join(f'{c:.3g}' for c in first)}) mm: set "
+            "spacing and origin in it, in mm"
+        )
     x, y = (ways[:, k] / lengths[k] for k in range(2))
     if abs(x @ y) > SQUARE:
         angle = np.degrees(np.arccos(abs(x @ y)))
@@ -179,33 +188,40 @@ def _sheared_nifti(path: Path) -> tuple[Any, Array] | None:
     """Return the image (mm) in a NIfTI file whose sform is sheared, and its steps; None for all other files.
 
     ITK refuses such files or takes the qform in silence.
+
+    Raises:
+        GeometryError: the file is shorter than its head says, which ITK does not notice.
     """
     import SimpleITK as sitk  # noqa: N813 - its usual name
 
     if not path.name.endswith((".nii", ".nii.gz")):
         return None
-    packed = path.name.endswith(".gz")
     try:
-        with gzip.open(path) if packed else path.open("rb") as file:
-            head = file.read(NIFTI_HEADER)
-            order = "<" if head[:4] == struct.pack("<i", NIFTI_HEADER) else ">"
-            if len(head) < NIFTI_HEADER or struct.unpack(f"{order}h", head[254:256])[0] <= 0:
-                return None
-            rows = np.reshape(struct.unpack(f"{order}12f", head[280:328]), (3, 4)).astype(float)
-            ways = rows[:, :3]
-            lengths = np.linalg.norm(ways, axis=0)
-            if not np.all(np.isfinite(rows)) or np.min(lengths) <= 0:
-                return None
-            cosines = ways / lengths
-            if np.max(np.abs(cosines.T @ cosines - np.eye(3))) <= SQUARE:
-                return None
-            with tempfile.TemporaryDirectory(prefix="ngfsi-image-") as scratch:
-                plain = Path(scratch) / "plain.nii"
-                # without codes of its forms the file is read with the sizes of its voxels alone
-                plain.write_bytes(head[:252] + b"\0\0\0\0" + head[256:] + file.read())
-                image = sitk.ReadImage(str(plain))
-    except (OSError, EOFError, struct.error, zlib.error):
+        with gzip.open(path) if path.name.endswith(".gz") else path.open("rb") as file:
+            data = file.read()
+    except (OSError, EOFError, zlib.error) as error:
+        raise GeometryError(f"the file is damaged or cut off ({error}): get it again") from None
+    order = "<" if data[:4] == struct.pack("<i", NIFTI_HEADER) else ">"
+    if len(data) < NIFTI_HEADER or data[:4] != struct.pack(f"{order}i", NIFTI_HEADER):
         return None
+    count, *sizes = struct.unpack(f"{order}8h", data[40:56])
+    (bits,), (start,) = struct.unpack(f"{order}h", data[72:74]), struct.unpack(f"{order}f", data[108:112])
+    voxels = int(np.prod([max(size, 1) for size in sizes[: max(count, 0)]], dtype=object))
+    if not start + voxels * bits / 8 <= len(data):
+        raise GeometryError(f"the file is damaged or cut off: its {voxels:,} voxels need more than {len(data):,} bytes")
+    rows = np.reshape(struct.unpack(f"{order}12f", data[280:328]), (3, 4)).astype(float)
+    ways = rows[:, :3]
+    lengths = np.linalg.norm(ways, axis=0)
+    if struct.unpack(f"{order}h", data[254:256])[0] <= 0 or not np.all(np.isfinite(rows)) or np.min(lengths) <= 0:
+        return None
+    cosines = ways / lengths
+    if np.max(np.abs(cosines.T @ cosines - np.eye(3))) <= SQUARE:
+        return None
+    with tempfile.TemporaryDirectory(prefix="ngfsi-image-") as scratch:
+        plain = Path(scratch) / "plain.nii"
+        # without codes of its forms the file is read with the sizes of its voxels alone
+        plain.write_bytes(data[:252] + bytes(4) + data[256:])
+        image = sitk.ReadImage(str(plain))
     image.SetOrigin([float(c) for c in TO_AXES @ rows[:, 3]])
     return image, TO_AXES @ ways
 
