@@ -237,6 +237,8 @@ class LabelMap:
         Raises:
             GeometryError: the part is not there, too small, cut off by the image's border or in pieces.
         """
+        if not 0 <= number < len(self.numbers):
+            raise GeometryError(f"there is no slice {number}: the image has 0 to {len(self.numbers) - 1}")
         mask = self._mask(name, number)
         where = f"slice {number}: '{name}'"
         if not mask.any():

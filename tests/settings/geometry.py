@@ -24,6 +24,7 @@ from ngfsi_geometry.channel import (
     PlaneMesh,
 )
 from ngfsi_geometry.external import ExternalMesh
+from ngfsi_geometry.from_surface import VesselFromSurface
 from ngfsi_geometry.imaging import LABELS, phantom_stack
 from ngfsi_geometry.labelled import LabelledCalf
 from ngfsi_geometry.loft import StarLoft
@@ -38,6 +39,7 @@ from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
 from tests.settings.physics import BEAM, FINE, SECTION
 from tests.settings.table import Outcome, entry
+from tests.surfaces import LENGTH, RADIUS, tube
 from tests.vein import TISSUE, TUBE, case_of, domain_of, system_of
 
 
@@ -441,12 +443,13 @@ def _names_of_numbers() -> Outcome:
     return calf.exact_volumes()["fluid"] / calf.length, pi * 25e-6
 
 
-@entry("LabelledCalf.sha256", "ExternalMesh.sha256")
+@entry("LabelledCalf.sha256", "ExternalMesh.sha256", "VesselFromSurface.sha256")
 def _content() -> Outcome:
     """A file with another content is refused."""
-    for geometry in (LabelledCalf, ExternalMesh):
+    for geometry, file in ((LabelledCalf, image()[0]), (ExternalMesh, own_mesh()[0]),
+                           (VesselFromSurface, lumen_surface()[0])):  # fmt: skip
         with pytest.raises(NgfsiError, match="it has changed"):
-            _ = geometry(file=str(image()[0] if geometry is LabelledCalf else own_mesh()[0]), sha256="0" * 64).vessels
+            _ = geometry(file=str(file), sha256="0" * 64).vessels
     return True, True
 
 
@@ -460,6 +463,39 @@ def own_mesh() -> tuple[Path, TemporaryDirectory[str]]:
     cells = [("tetra", [[0, 1, 2, 3], [1, 2, 3, 4]]), ("triangle", faces)]
     meshio.write(file, meshio.Mesh(points, cells, cell_data={"part": [np.array([7, 7]), np.array([8] * 6)]}))
     return file, folder
+
+
+@cache
+def lumen_surface() -> tuple[Path, TemporaryDirectory[str]]:
+    """Return a file with the surface of a tube, in a folder that lasts as long as it."""
+    folder = TemporaryDirectory()
+    return tube(Path(folder.name) / "tube.vtp", capped=False), folder
+
+
+@entry("VesselFromSurface.file", "VesselFromSurface.unit", "VesselFromSurface.wall_thickness",
+       "VesselFromSurface.tissue_thickness", "VesselFromSurface.names", rel=3e-3)  # fmt: skip
+def _vessel_from_a_surface() -> Outcome:
+    """Volumes between cylinders; the ends change their names."""
+    given = {"file": str(lumen_surface()[0]), "names": {"inlet": "outlet", "outlet": "inlet"}}
+    sizes = {"wall_thickness": 1e-3, "tissue_thickness": 6e-3}
+    plain, large = VesselFromSurface(**given, **sizes), VesselFromSurface(file=given["file"], unit="cm")
+    inner, outer = RADIUS + 1, RADIUS + 7
+    found = [*plain.exact_volumes().values(), large.exact_volumes()["fluid"]]
+    ways = [geometry._centre("outlet")[2] - geometry._centre("inlet")[2] for geometry in (plain, large)]
+    areas = np.array([RADIUS**2, inner**2 - RADIUS**2, outer**2 - inner**2, 1e3 * RADIUS**2])
+    assert ways[0] * ways[1] < 0
+    return found, pi * LENGTH * areas * 1e-9
+
+
+@entry("VesselFromSurface.wall_layers", "VesselFromSurface.tissue_layers", "VesselFromSurface.flow_layers",
+       "VesselFromSurface.flow_thickness")  # fmt: skip
+def _layers_along_a_surface() -> Outcome:
+    """Distances of their borders from the surface, over the radius of the ends."""
+    geometry = VesselFromSurface(file=str(lumen_surface()[0]), wall_thickness=1e-3, tissue_thickness=6e-3,
+                                 wall_layers=2, tissue_layers=3, flow_layers=4, flow_thickness=0.2)  # fmt: skip
+    away = 1e3 * np.linalg.norm(geometry._borders[:, 20, :2], axis=1) - RADIUS
+    inner = -1e3 * geometry._smallest * np.array([0.2, 0.15, 0.1, 0.05])
+    return away, np.array([*inner, 0, 0.5, 1, 3, 5, 7])
 
 
 @entry("ExternalMesh.file", "ExternalMesh.groups", "ExternalMesh.names", "ExternalMesh.unit")
