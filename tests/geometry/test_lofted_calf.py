@@ -15,6 +15,7 @@ import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
 from ngfsi_geometry.calf import CalfSegment
 from ngfsi_geometry.calf_section import subject
+from ngfsi_geometry.example_labels import rough_calf
 from ngfsi_geometry.imaging import LABELS, LabelMap, phantom_stack
 from ngfsi_geometry.labelled import LabelledCalf
 from ngfsi_geometry.loft import DENSE, SAMPLES, around, series
@@ -190,26 +191,11 @@ def test_rough_labels_make_a_calf(tmp_path: Path, capsys: pytest.CaptureFixture[
 
     The volume of the blood is that of its voxels, within the error of one slice in twelve; so is what the command says.
     """
-    step, count = 4e-3, 12
-    rows, columns = 96, 104
-    y, x = np.mgrid[:rows, :columns]
-    numbers = np.zeros((count, rows, columns), dtype=np.uint8)
-    rng = np.random.default_rng(3)
-    for k, layer in enumerate(numbers):
-        layer[np.hypot(x - 52, (y - 48) * 1.1) < 44 + rng.normal(0, 0.2, x.shape)] = LABELS["skin"]
-        tibia = (abs(x - 40) + abs(y - 66) < 13) | ((k > 8) & (abs(y - 66) < 3) & (x > 40) & (x < 57))
-        layer[tibia] = LABELS["tibia"]
-        layer[np.hypot(x - 72, y - 56) < 6] = LABELS["fibula"]
-        middle = 66 - 2 * k
-        ring = np.hypot(x - middle, y - 36)
-        lumen = (ring < 5) if k != 5 else (ring < 7) & (np.hypot(x - middle, y - 33) > 5) & (y > 31)
-        layer[lumen] = LABELS["lumen"]
-    image = sitk.GetImageFromArray(numbers)
-    image.SetDirection([-1, 0, 0, 0, -1, 0, 0, 0, 1])
-    image.SetSpacing([1.0, 1.0, 1e3 * step])
-    sitk.WriteImage(image, tmp_path / "leg.nii.gz")
+    image = rough_calf()
+    numbers = sitk.GetArrayFromImage(image)
+    sitk.WriteImage(image, tmp_path / "leg.seg.nrrd")
     mesh = COARSE.replace(axial_layers=3, far_size=50e-3, vein_size=5e-3)
-    geometry = LabelledCalf(file=str(tmp_path / "leg.nii.gz"), mesh=mesh)
+    geometry = LabelledCalf(file=str(tmp_path / "leg.seg.nrrd"), further_veins=("lumen_2",), mesh=mesh)
     voxels = float((numbers == LABELS["lumen"]).sum(axis=(1, 2))[1:-1].mean()) * 1e-6
     assert geometry.exact_volumes()["fluid"] == pytest.approx(voxels * geometry.length, rel=0.02)
     assert Domain.build(geometry, cache=False).statistics()["smallest_jacobian_ratio"] > 0.05
@@ -219,7 +205,7 @@ def test_rough_labels_make_a_calf(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert ended.value.code == 0
     assert re.search(r"lumen: area [+-]0\.[0-9]+% over all slices, at most .* \(slice 5\)", capsys.readouterr().out)
     found = read_columns(tmp_path / "out" / "deviations.csv", {"distance_max": "length", "distance_rms": "length"})
-    assert len(found["distance_max"]) == 4 * count
+    assert len(found["distance_max"]) == 5 * len(numbers)
     assert 0.2e-3 < np.median(found["distance_rms"]) < 1e-3
     assert (tmp_path / "out" / "sections.png").stat().st_size > 10_000
 
