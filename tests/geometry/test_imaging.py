@@ -152,7 +152,7 @@ def test_noisy_labels_become_smooth_curves() -> None:
         away = distances(dense(closed(outline.resampled(400)), PIXEL / 4), image.edge("lumen", 0))
         assert outline.area == pytest.approx(mask.sum() * PIXEL**2, rel=1e-3)
         middle = PIXEL * np.mean(np.argwhere(mask)[:, ::-1], axis=0)
-        assert outline.centroid == pytest.approx(middle, abs=0.02 * PIXEL)
+        assert outline.centroid == pytest.approx(middle, abs=1e-3 * PIXEL)
         assert away.max() <= 1.05 * PIXEL
         assert len(outline.x) <= 8 * POINTS_OF_A_MODE
         wall = Vein(lumen=outline, wall_thickness=1e-3).outer
