@@ -5,7 +5,7 @@ Axes: x lateral, y anterior. The lumens of the veins are holes, on which the blo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import cos, pi, sin
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,6 +19,7 @@ from ngfsi.mesh.geometry import Vessel
 from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
 from ngfsi_geometry.channel import PlaneMesh, PlaneSection
+from ngfsi_geometry.loft import parallel
 
 NARROWEST_GAP = 0.5e-3
 """Outlines closer than this [m] are refused: what is between them could not be meshed sensibly."""
@@ -43,7 +44,10 @@ class Vein(ConfigModel):
     @property
     def outer(self) -> Outline:
         """Outer outline of the wall."""
-        return self.lumen.offset(self.wall_thickness)
+        try:
+            return self.lumen.offset(self.wall_thickness)
+        except GeometryError:  # notches narrower than twice the wall
+            return parallel(self.lumen, self.wall_thickness)
 
 
 class SectionSizes(PlaneMesh):
@@ -172,18 +176,25 @@ class CalfSection(PlaneSection):
         """Refuse outlines that leave the skin, overlap or nearly touch."""
         inner = {"tibia": self.tibia, "fibula": self.fibula}
         inner |= {f"the wall of vein {k + 1}": vein.outer for k, vein in enumerate(self.veins)}
-        named = list(inner.items())
-        for k, (name, outline) in enumerate(named):
-            for other, its in [*named[k + 1 :], ("skin", self.skin)]:
-                gap = outline.distance_to(its)
-                apart = not its.contains(outline.points[:1])[0] and not outline.contains(its.points[:1])[0]
-                if gap < NARROWEST_GAP or apart is (other == "skin"):
-                    where = f"{1e3 * gap:.2g} mm apart" if apart is not (other == "skin") else "across each other"
-                    raise ValueError(
-                        f"{name} and {other} are {where}, near ({1e3 * outline.centroid[0]:.0f}, "
-                        f"{1e3 * outline.centroid[1]:.0f}) mm: {1e3 * NARROWEST_GAP:g} mm of tissue must lie between"
-                    )
+        if reason := touching(inner, self.skin):
+            raise ValueError(reason)
         return self
+
+
+def touching(inner: Mapping[str, Outline], skin: Outline) -> str | None:
+    """Return a sentence about the first two of the parts inside of the skin that overlap, leave it or nearly touch."""
+    named = list(inner.items())
+    for k, (name, outline) in enumerate(named):
+        for other, its in [*named[k + 1 :], ("skin", skin)]:
+            gap = outline.distance_to(its)
+            apart = not its.contains(outline.points[:1])[0] and not outline.contains(its.points[:1])[0]
+            if gap < NARROWEST_GAP or apart is (other == "skin"):
+                where = f"{1e3 * gap:.2g} mm apart" if apart is not (other == "skin") else "across each other"
+                return (
+                    f"{name} and {other} are {where}, near ({1e3 * outline.centroid[0]:.0f}, "
+                    f"{1e3 * outline.centroid[1]:.0f}) mm: {1e3 * NARROWEST_GAP:g} mm of tissue must lie between"
+                )
+    return None
 
 
 def _suffix(number: int) -> str:

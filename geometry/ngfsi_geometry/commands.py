@@ -1,4 +1,4 @@
-"""Commands of `ngfsi` for images."""
+"""Commands of `ngfsi` for images and outlines."""
 
 from __future__ import annotations
 
@@ -41,3 +41,41 @@ def register(
         f"The motion of the skin is in '{output}'; moved so, it lies {rms:.2f} mm (rms) and at most {largest:.2f} mm "
         "beside the skin in the image after"
     )
+
+
+def outlines(
+    case: Annotated[Path, typer.Argument(help="Case file of a calf from outlines or a label map.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write to.")] = Path("runs/outlines"),
+) -> None:
+    """Hold the smooth surfaces of a lofted calf against its outlines or labels, slice by slice.
+
+    Writes deviations.csv and a picture of each slice, sections.png.
+
+    Example: ngfsi outlines leg.toml -o leg-outlines
+    """
+    from ngfsi.case import Case
+    from ngfsi.errors import GeometryError
+    from ngfsi.store.disk import explained
+    from ngfsi.store.table import write_rows
+    from ngfsi.units import from_si
+    from ngfsi_geometry.lofted_calf import CalfLoft
+    from ngfsi_geometry.pictures import draw_sections
+
+    calf = Case.from_toml(case).geometry
+    if not isinstance(calf, CalfLoft):
+        raise GeometryError(
+            f"the geometry of '{case}' has no outlines: give a case of type lofted_calf or labelled_calf"
+        )
+    rows = calf.deviations()
+    with explained(output):
+        output.mkdir(parents=True, exist_ok=True)
+        draw_sections(calf, output / "sections.png")
+    write_rows(output / "deviations.csv", rows)
+    for part in dict.fromkeys(str(row["part"]) for row in rows):
+        mine = [row for row in rows if row["part"] == part]
+        worst = max(mine, key=lambda row: float(row["distance_max_m"]))
+        whole = sum(float(row["area_m2"]) * (1 + float(row["area_error_1"])) for row in mine)
+        area = whole / sum(float(row["area_m2"]) for row in mine) - 1
+        away = from_si(float(worst["distance_max_m"]), "mm")
+        typer.echo(f"{part}: area {area:+.2%} over all slices, at most {away:.2f} mm off (slice {worst['slice']})")
+    typer.echo(f"All slices are in '{output}': deviations.csv, sections.png")

@@ -27,7 +27,7 @@ def extrude(section: SectionMesh, heights: Points, ends: Mapping[str, tuple[str,
         ends: material -> boundary names of its faces at the first and at the last height.
         split: tetrahedra instead of prisms (needs a section of triangles).
 
-    The mesh has names and a CSG geometry, and is straight until `Curve`.
+    The mesh has names and is straight; with ellipses alone it has a CSG geometry for `Curve`.
     """
     layers, plane = len(heights) - 1, len(section.points)
     mesh = nm.Mesh(dim=3)
@@ -53,7 +53,10 @@ def extrude(section: SectionMesh, heights: Points, ends: Mapping[str, tuple[str,
         mesh.SetMaterial(domains[name], name)
         bodies = np.vstack([_raise_cells(cell, k, plane, split) for k in range(layers)])
         mesh.AddElements(dim=3, index=domains[name], data=np.ascontiguousarray(bodies), base=0)
-    geometry = csg_surfaces([ring.circle for ring in section.rings], float(heights[-1]))
+    ellipses = [ring.circle for ring in section.rings if isinstance(ring.circle, Ellipse)]
+    if len(ellipses) < len(section.rings):
+        return mesh
+    geometry = csg_surfaces(ellipses, float(heights[-1]))
     for side in section.sides:
         begin, end = section.points[side.edges[0]]
         outwards = csg.Vec(end[1] - begin[1], begin[0] - end[0], 0)

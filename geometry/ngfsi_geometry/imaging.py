@@ -1,14 +1,10 @@
-"""Between images and geometries: outlines of the labels of a segmented image, and synthetic images with known truth.
-
-Images in files lie in the patient's axes: they are turned such that rows run lateral, columns anterior and slices
-proximal, as of a right leg. What then is left of an oblique direction matrix is a rotation of the whole stack, which
-changes no area, and the stack is taken in its own axes.
-"""
+"""Between images and geometries: outlines of the labels of a segmented image, and synthetic images with known truth."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import pi, sqrt
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,13 +15,16 @@ from scipy.ndimage import binary_dilation, binary_fill_holes, binary_opening, ga
 from scipy.optimize import brentq
 
 from ngfsi.errors import GeometryError, unknown
-from ngfsi.outlines.outline import Outline, polygon_area
-from ngfsi.units import from_si, to_si
+from ngfsi.outlines.outline import Outline, closed, dense, distances, polygon_area
+from ngfsi.units import from_si
 from ngfsi_geometry.calf_section import COMPARTMENTS, NARROWEST_GAP, CalfSection, Vein
+from ngfsi_geometry.loft import series
 from ngfsi_geometry.lofted import LoftedVein
 from ngfsi_geometry.lofted_calf import ANATOMY, FEWEST, LoftedCalf, Stack
+from ngfsi_geometry.volumes import Segment, Volume, read_table, read_volume, volume_of
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
 
 PIXEL = 0.625e-3
@@ -45,16 +44,23 @@ SEPTUM, OVERLAP, BLUNT = 1, 3, 2
 """Pixels by which a compartment stays away from others, and by which its outline reaches into bones and veins, whose
 own outlines then are its border; half of the width of what is too thin to count as part of it."""
 
-AXES = "RAS"
-"""SimpleITK's code of axes that run lateral (of a right leg), anterior and proximal."""
+LARGEST_LABEL = 2**31
+Labels = Mapping[str, int | str]
 SMOOTHING = 0.7
 """Width (standard deviation) of the filter that takes the stairs off a mask, in pixels, the larger ones if unequal."""
 FEWEST_PIXELS = 9
-FEWEST_POINTS, MOST_POINTS = 16, 240
+FEWEST_POINTS, MOST_POINTS = 32, 240
+MODES = 1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48
+"""Numbers of modes that are tried."""
+POINTS_OF_A_MODE = 16
+FINE = 0.25
+"""Distance of the points of curves that are held against each other, in pixels."""
+ROUNDING = 1 / sqrt(12)
+"""Standard deviation, in pixels, of a place that is rounded to pixels."""
+LEVELS = 0.1, 0.9
+"""Between which the level of a smoothed mask is looked for, as fractions of its largest value."""
 LARGEST_AREA_ERROR = 0.05
 """Relative; outlines of parts that fall to pieces when smoothed have more."""
-EVEN = 0.01
-"""Relative difference of slice distances that counts as even."""
 
 
 def phantom(outlines: Mapping[str, Outline], frame: Outline, pixel: float = PIXEL) -> Any:
@@ -132,46 +138,62 @@ class LabelMap:
         numbers: label of each voxel, shape (slices, rows along y, columns along x); 0: outside of the leg.
         origin, spacing: centre of the first voxel, and distances of the voxels, (x, y, z) [m].
         labels: name -> number in the image: skin (what is in nothing else), tibia, fibula, fat, lumen, lumen_2, ...
+        shift: of each slice against the one before (x, y) [m].
     """
 
     numbers: NDArray[np.int64]
     origin: tuple[float, float, float]
     spacing: tuple[float, float, float]
     labels: Mapping[str, int]
+    shift: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def read(cls, path: Path, labels: Mapping[str, int] = LABELS) -> Self:
+    def read(cls, path: Path, labels: Labels | None = None, table: Path | None = None) -> Self:
         """Return the label map in a file (NIfTI, NRRD, MetaImage ...) or in a folder with one DICOM series.
 
+        Args:
+            labels: name -> number in the image, or name that the image or the table gives it; None: the segments that
+                have our names or that of a vein, without any names LABELS.
+            table: file with names of the numbers.
+
         Raises:
-            GeometryError: there is no such image, its voxels hold no whole numbers, or slices are missing.
+            GeometryError: there is no such image, its voxels hold no whole numbers, slices are missing, or names.
         """
+        volume = read_volume(path)
         try:
-            return cls.of_image(read_image(path), labels)
+            return cls._of(volume, labels, read_table(table) if table else volume.segments)
         except GeometryError as error:
             raise GeometryError(f"'{path}': {error}") from None
 
     @classmethod
-    def of_image(cls, image: Any, labels: Mapping[str, int] = LABELS) -> Self:
-        """Return the label map in a SimpleITK image (mm).
+    def of_image(cls, image: Any, labels: Labels | None = None) -> Self:
+        """Return the label map in a SimpleITK image (mm); labels as of `read`.
 
         Raises:
             GeometryError: it has not three dimensions, or its voxels hold no whole numbers.
         """
-        import SimpleITK as sitk  # noqa: N813 - its usual name
+        volume = volume_of(image)
+        return cls._of(volume, labels, volume.segments)
 
-        image = _oriented(image)
-        values = sitk.GetArrayFromImage(image)
-        if not np.array_equal(values, np.round(values)):
+    @classmethod
+    def _of(cls, volume: Volume, labels: Labels | None, segments: Sequence[Segment]) -> Self:
+        values = volume.values
+        whole = np.issubdtype(values.dtype, np.integer)
+        if not (whole or (np.all(np.isfinite(values)) and np.array_equal(values, np.round(values)))):
             raise GeometryError("the voxels hold fractions, so it is no label map: give the segmentation of the image")
+        if not whole and np.max(np.abs(values), initial=0) > LARGEST_LABEL:
+            raise GeometryError("the voxels hold numbers beyond those of labels: give the segmentation of the image")
+        if labels is None:
+            labels = _own_names(segments) or LABELS
         for name in labels:
             if _kind(name) not in LABELS:
                 raise GeometryError(unknown("name of a label", name, LABELS))
-        turn = np.reshape(image.GetDirection(), (3, 3))
-        origin = turn.T @ image.GetOrigin()
-        x, y, z = (to_si(float(length), "mm") for length in origin)
-        dx, dy, dz = (to_si(float(length), "mm") for length in image.GetSpacing())
-        return cls(values.astype(np.int64), (x, y, z), (dx, dy, dz), dict(labels))
+        parts = {name: _segment(given, segments) for name, given in labels.items()}
+        numbers = values.astype(np.int64)
+        if numbers.ndim == 4:
+            numbers, parts = _flattened(numbers, parts)
+        found = {name: part.number for name, part in parts.items()}
+        return cls(numbers, volume.origin, volume.spacing, found, volume.shift)
 
     @property
     def heights(self) -> Array:
@@ -206,14 +228,17 @@ class LabelMap:
         return range(int(there[0]), int(there[-1]) + 1)
 
     def outline(self, name: str, number: int) -> Outline:
-        """Return the smooth outline of a part in slice `number` (from 0); its area is that of the part's pixels.
+        """Return the smooth outline of a part in slice `number` (from 0), of the area and centroid of its pixels.
 
-        The mask is smoothed by a Gaussian, which alone would shrink what is round; of its levels that one is taken
-        which encloses the area of the pixels.
+        It is the series with the fewest modes that lies as near to the edge of the pixels as rounding to pixels would
+        move it: nowhere farther than one pixel. Parts of which none does are not seen whole from their middle, as a
+        crescent: theirs is a level line of the mask, smoothed by a Gaussian, that encloses the same area.
 
         Raises:
             GeometryError: the part is not there, too small, cut off by the image's border or in pieces.
         """
+        if not 0 <= number < len(self.numbers):
+            raise GeometryError(f"there is no slice {number}: the image has 0 to {len(self.numbers) - 1}")
         mask = self._mask(name, number)
         where = f"slice {number}: '{name}'"
         if not mask.any():
@@ -232,10 +257,41 @@ class LabelMap:
                 f"{where} is in {count} pieces, the largest of {listed} mm2: remove the smaller ones or give each "
                 "vein a label of its own"
             )
-        outline = Outline.through(self._smooth(mask))
-        if abs(outline.area / (self._pixel_area * mask.sum()) - 1) > LARGEST_AREA_ERROR:
+        line = self._level_line(mask, number)
+        area = self._pixel_area * float(mask.sum())
+        if line is None or abs(line.area / area - 1) > LARGEST_AREA_ERROR:
             raise GeometryError(f"{where} hangs together by corners of pixels: widen it there or make it two parts")
-        return outline
+        pixel, middle = max(self.spacing[:2]), self._middle(mask, number)
+        edge = self._edge(mask, number)
+        rows = line.harmonics((middle[0], middle[1]), MODES[-1])
+        for modes in MODES:
+            ring = _star(rows[: modes + 1], area, middle, max(FEWEST_POINTS, POINTS_OF_A_MODE * modes))
+            if ring is None:
+                continue
+            away = distances(dense(closed(ring), FINE * pixel), edge)
+            if away.max() <= pixel and np.sqrt(np.mean(away**2)) <= ROUNDING * pixel:
+                return Outline.through(ring)
+        return line
+
+    def _middle(self, mask: Mask, number: int) -> Array:
+        """Return the centroid (x, y) [m] of pixels."""
+        x, y = self._axes(mask, number)
+        rows, columns = np.nonzero(mask)
+        return np.array([x[columns].mean(), y[rows].mean()])
+
+    def edge(self, name: str, number: int) -> Array:
+        """Return points (n, 2) [m] of the edge of a part's pixels in slice `number` (from 0)."""
+        return self._edge(self._mask(name, number), number)
+
+    def _edge(self, mask: Mask, number: int) -> Array:
+        lines = contour_generator(*self._axes(mask, number), mask.astype(float)).lines(0.5)
+        return np.vstack([dense(np.asarray(line), FINE * max(self.spacing[:2])) for line in lines])
+
+    def _axes(self, mask: Mask, number: int) -> tuple[Array, Array]:
+        """Return the places x, y [m] of the pixels of a slice."""
+        (x, y, _), (dx, dy, _) = self.origin, self.spacing
+        x, y = x + number * self.shift[0], y + number * self.shift[1]
+        return np.asarray(x + dx * np.arange(mask.shape[1])), np.asarray(y + dy * np.arange(mask.shape[0]))
 
     def section(self, number: int, wall_thickness: float = 0.8e-3, **more: Any) -> CalfSection:
         """Return the cross-section in slice `number` (from 0) with all veins that are in it.
@@ -280,11 +336,18 @@ class LabelMap:
         except GeometryError as error:
             raise GeometryError(f"'{name}' from slice {there.start} on: {error}") from None
 
-    def stack(self, lumen: str = "lumen", first: int | None = None, last: int | None = None) -> Stack:
-        """Return the outlines of skin, bones and a vein in slices `first` to `last`, by default all that have the vein.
+    def stack(
+        self,
+        lumen: str = "lumen",
+        first: int | None = None,
+        last: int | None = None,
+        further: Sequence[str] = (),
+    ) -> Stack:
+        """Return the outlines of skin, bones and veins in slices `first` to `last`, by default all that have the vein.
 
         Args:
-            lumen: name of the vein; other veins count as tissue.
+            lumen: name of the first vein.
+            further: names of the others; those not named count as tissue.
 
         Raises:
             GeometryError: a part is missing from a slice or cannot be outlined.
@@ -301,19 +364,28 @@ class LabelMap:
                 "in more"
             )
         labels = {name: lumen if name == "lumen" else name for name in ANATOMY}
+        labels |= {f"lumen_{k}": name for k, name in enumerate(further, start=2)}
         outlines = {name: tuple(self.outline(title, k) for k in chosen) for name, title in labels.items()}
         return Stack(outlines, tuple(map(float, self.heights[chosen.start : chosen.stop])), chosen.start)
 
     def calf(
-        self, lumen: str = "lumen", first: int | None = None, last: int | None = None, **more: Any
-    ) -> LoftedCalf:  # fmt: skip
-        """Return the calf segment through slices, with one vein; arguments as of `stack`, and `more`: e.g. `mesh`.
+        self,
+        lumen: str = "lumen",
+        first: int | None = None,
+        last: int | None = None,
+        further: Sequence[str] = (),
+        **more: Any,
+    ) -> LoftedCalf:
+        """Return the calf segment through slices; arguments as of `stack`, and `more`: e.g. `mesh`.
 
         Raises:
             GeometryError: slices are missing or cannot be outlined, or the stack makes no calf.
         """
-        stack = self.stack(lumen, first, last)
-        return LoftedCalf(heights=stack.heights, first_slice=stack.first, **{**stack.outlines, **more})
+        stack = self.stack(lumen, first, last, further)
+        outlines = {name: stack.outlines[name] for name in ANATOMY}
+        others = tuple(stack.outlines[name] for name in stack.lumens[1:])
+        given = {"heights": stack.heights, "first_slice": stack.first, "further_lumens": others, **outlines}
+        return LoftedCalf(**{**given, **more})
 
     @property
     def _pixel_area(self) -> float:
@@ -350,26 +422,28 @@ class LabelMap:
             return np.asarray(pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:])) if apart.any() else whole
         return np.asarray(binary_fill_holes(layer == mine))
 
-    def _smooth(self, mask: Mask) -> Array:
-        """Return points (n, 2) [m] of the smooth outline of a mask in one piece."""
+    def _level_line(self, mask: Mask, number: int) -> Outline | None:
+        """Return the level line of the smoothed mask, in one piece, that encloses the area of its pixels, if any."""
         dx, dy, _ = self.spacing
         width = SMOOTHING * max(dx, dy)
         grey = gaussian_filter(mask.astype(float), (width / dy, width / dx))
-        x, y = self.origin[0] + dx * np.arange(mask.shape[1]), self.origin[1] + dy * np.arange(mask.shape[0])
-        lines = contour_generator(x, y, grey).lines
+        lines = contour_generator(*self._axes(mask, number), grey / grey.max()).lines
+        target = float(mask.sum()) * self._pixel_area
 
         def longest(level: float) -> Array:
             rings: list[Array] = [np.asarray(line) for line in lines(level)]
             return max(rings, key=len)
 
-        target = float(mask.sum()) * self._pixel_area
-        top = float(grey.max())
-        level = brentq(lambda fraction: polygon_area(longest(fraction * top)) - target, 0.1, 0.9, xtol=1e-6)
-        ring = longest(level * top)[:-1]
-        arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(np.vstack([ring, ring[:1]]), axis=0).T))]
+        def excess(level: float) -> float:
+            return polygon_area(longest(level)) - target
+
+        if excess(LEVELS[0]) * excess(LEVELS[1]) > 0:
+            return None
+        ring = longest(brentq(excess, *LEVELS, xtol=1e-6))[:-1]
+        arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(closed(ring), axis=0).T))]
         count = int(np.clip(arc[-1] / max(dx, dy), FEWEST_POINTS, MOST_POINTS))
         at = arc[-1] * np.arange(count) / count
-        return np.column_stack([np.interp(at, arc, np.r_[c, c[0]]) for c in ring.T])
+        return Outline.through(np.column_stack([np.interp(at, arc, np.r_[c, c[0]]) for c in ring.T]))
 
     def _check_apart(self, veins: Mapping[str, Outline], number: int, wall_thickness: float) -> None:
         named = list(veins.items())
@@ -384,6 +458,61 @@ class LabelMap:
                     )
 
 
+def _star(row: Complex, area: float, centroid: Array, count: int) -> Array | None:
+    """Return points (count, 2) [m] of a series of squared distances over the angle, with the area [m2] and centroid [m]
+    that are given; None if it does not wind around its middle."""
+    squares = series(row, count)
+    if np.min(squares) <= 0:
+        return None
+    radii = np.sqrt(squares)
+    rays = np.exp(2j * pi * np.arange(count) / count)
+    middle = 2 / 3 * np.mean(radii**3 * rays) / np.mean(squares)
+    points = np.sqrt(area / (pi * row[0].real)) * (radii * rays - middle) + complex(*centroid)
+    return np.column_stack([points.real, points.imag])
+
+
+def _segment(given: int | str, segments: Sequence[Segment]) -> Segment:
+    """Return the segment of a number, or of a name, in capitals or not."""
+    same = [s for s in segments if (s.number == given if isinstance(given, int) else s.name == given)]
+    same = same or [s for s in segments if isinstance(given, str) and s.name.lower() == given.lower()]
+    if len(same) == 1:
+        return same[0]
+    if isinstance(given, int):
+        if same:
+            raise GeometryError(f"several segments have the number {given}, in layers: give their names in `labels`")
+        return Segment("", given)
+    if not segments:
+        raise GeometryError(f"the image has no names, so '{given}' cannot be found: give numbers, or a `label_table`")
+    raise GeometryError(unknown("segment", given, [s.name for s in segments]))
+
+
+def _own_names(segments: Sequence[Segment]) -> dict[str, int | str]:
+    """Return our names of the segments that have them, and of veins in their order."""
+    found: dict[str, int | str] = {}
+    veins = 0
+    for segment in segments:
+        name = segment.name.strip().lower().replace(" ", "_")
+        if "vein" in name.split("_"):
+            veins += 1
+            name = "lumen" if veins == 1 else f"lumen_{veins}"
+        if _kind(name) in LABELS and name not in found:
+            found[name] = segment.name
+    return found
+
+
+def _flattened(layers: NDArray[np.int64], parts: Mapping[str, Segment]) -> tuple[Any, dict[str, Segment]]:
+    """Return one layer of numbers, in which inner parts are above outer ones, and the numbers of the parts in it."""
+    order = list(LABELS)
+    flat, found = np.zeros(layers.shape[:3], dtype=np.int64), {}
+    for number, name in enumerate(sorted(parts, key=lambda name: order.index(_kind(name))), start=1):
+        part = parts[name]
+        if not 0 <= part.layer < layers.shape[3]:
+            raise GeometryError(f"there is no layer {part.layer}, of '{part.name}': the image has {layers.shape[3]}")
+        flat[layers[..., part.layer] == part.number] = number
+        found[name] = part._replace(number=number)
+    return flat, found
+
+
 def read_image(path: Path) -> Any:
     """Return the SimpleITK image (mm) in a file, or in a folder with one DICOM series, in the axes of the geometries.
 
@@ -392,46 +521,10 @@ def read_image(path: Path) -> Any:
     """
     import SimpleITK as sitk  # noqa: N813 - its usual name
 
-    try:
-        image = _read_series(path) if path.is_dir() else sitk.ReadImage(str(path))
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].split("ERROR: ")[-1]
-        raise GeometryError(f"'{path}' cannot be read as NIfTI, NRRD or another image: {reason}") from None
-    try:
-        return _oriented(image)
-    except GeometryError as error:
-        raise GeometryError(f"'{path}': {error}") from None
-
-
-def _oriented(image: Any) -> Any:
-    import SimpleITK as sitk  # noqa: N813 - its usual name
-
-    if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
-        raise GeometryError("a label map has three dimensions and one number in each voxel: save it as a volume")
-    return sitk.DICOMOrient(image, AXES)
-
-
-def _read_series(folder: Path) -> Any:
-    """Return the image of the one DICOM series in a folder."""
-    import SimpleITK as sitk  # noqa: N813 - its usual name
-
-    series = sitk.ImageSeriesReader.GetGDCMSeriesIDs(str(folder))
-    if len(series) != 1:
-        raise GeometryError(f"'{folder}' holds {len(series)} DICOM series: give a folder with exactly one")
-    reader = sitk.ImageSeriesReader()
-    reader.SetFileNames(sitk.ImageSeriesReader.GetGDCMSeriesFileNames(str(folder), series[0]))
-    reader.MetaDataDictionaryArrayUpdateOn()
-    image = reader.Execute()
-    normal = np.reshape(image.GetDirection(), (3, 3))[:, 2]
-    places = [
-        normal @ [float(part) for part in reader.GetMetaData(k, "0020|0032").split("\\")]
-        for k in range(image.GetDepth())
-    ]
-    steps = np.diff(places)
-    if len(steps) and np.max(np.abs(steps - np.median(steps))) > EVEN * np.median(steps):
-        worst = int(np.argmax(np.abs(steps - np.median(steps))))
-        raise GeometryError(
-            f"'{folder}': slices {worst} and {worst + 1} are {steps[worst]:.3g} mm apart, the others "
-            f"{np.median(steps):.3g} mm: add the missing slices or resample the series"
-        )
+    volume = read_volume(path)
+    if volume.values.ndim > 3:
+        raise GeometryError(f"'{path}': an image has one number in each voxel: save it so")
+    image = sitk.GetImageFromArray(np.ascontiguousarray(volume.values))
+    image.SetSpacing([from_si(length, "mm") for length in volume.spacing])
+    image.SetOrigin([from_si(length, "mm") for length in volume.origin])
     return image

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from pydantic import Field
 
+from ngfsi.arrays import Array
 from ngfsi_geometry.content import check_digest, digest
-from ngfsi_geometry.imaging import LABELS, LabelMap
+from ngfsi_geometry.imaging import LabelMap
 from ngfsi_geometry.lofted_calf import CalfLoft, Stack
 
 
@@ -16,11 +17,15 @@ class LabelledCalf(CalfLoft):
     """Calf segment through the slices of a segmented image: NIfTI, NRRD, or a folder with a DICOM series."""
 
     file: str = Field(min_length=1)
-    labels: dict[str, int] = Field(default_factory=lambda: dict(LABELS))
-    """Name -> number in the image: skin (what is in nothing else), tibia, fibula, lumen, and all others inside of the
-    skin."""
+    labels: dict[str, int | str] | None = None
+    """Name -> number or name of the segment in the image: skin (what is in nothing else), tibia, fibula, lumen, and all
+    others inside of the skin. Without it segments that the image names so, veins in their order, or usual numbers."""
+    label_table: str | None = None
+    """File that names the numbers: of ITK-SNAP or FreeSurfer, CSV with a head, or JSON."""
     vein: str = "lumen"
-    """Name of the label of the vein; other veins count as tissue."""
+    """Name of the label of the vein."""
+    further_veins: tuple[str, ...] = ()
+    """Names of the labels of further veins, in all slices that are taken; veins not named count as tissue."""
     first_slice: int | None = Field(None, ge=0)
     """Numbers of the slices to be taken, from 0 from distal to proximal; default: all that have the vein."""
     last_slice: int | None = Field(None, ge=0)
@@ -30,6 +35,14 @@ class LabelledCalf(CalfLoft):
     @cached_property
     def stack(self) -> Stack:
         """The outlines in the image."""
+        return self._image.stack(self.vein, self.first_slice, self.last_slice, self.further_veins)
+
+    @cached_property
+    def _image(self) -> LabelMap:
         check_digest(self.file, "label map", self.sha256)
-        image = LabelMap.read(Path(self.file), self.labels)
-        return image.stack(self.vein, self.first_slice, self.last_slice)
+        return LabelMap.read(Path(self.file), self.labels, Path(self.label_table) if self.label_table else None)
+
+    def edge(self, part: str, number: int) -> Array:
+        """Return points (n, 2) [m] of the edge of a part's pixels in one of the slices, from 0."""
+        veins = dict(zip(self.stack.lumens, (self.vein, *self.further_veins), strict=True))
+        return self._image.edge(veins.get(part, part), self.stack.first + number)

@@ -1,18 +1,18 @@
-"""A segment of the calf through stacks of outlines: skin, bones and one deep vein as images show them.
+"""A segment of the calf through stacks of outlines: skin, bones and deep veins as images show them.
 
-The mesh is that of a straight segment of circles (calf.py), whose surfaces are moved onto lofts of the
-outlines; what is between follows by Laplace's equation, conforming and of the mesh's curving order. Ends are flat.
+The mesh is that of a straight segment of the mean outlines, whose surfaces are moved onto lofts of the outlines; what
+is between follows as an elastic body, conforming and of the mesh's curving order. Ends are flat.
 Axes: x lateral, y anterior, z proximal; the origin lies in the middle of the skin, at the height of the first outline.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise
-from math import hypot, pi
+from math import pi
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -23,12 +23,12 @@ from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.mesh.curving import BoundaryMotion
 from ngfsi.mesh.geometry import Vessel
-from ngfsi.outlines.outline import Outline
+from ngfsi.outlines.outline import Outline, closed, dense, distances
 from ngfsi.units import Length
-from ngfsi_geometry.calf import CalfSegment
-from ngfsi_geometry.calf_section import CalfSection, Vein
-from ngfsi_geometry.loft import Complex, Loft, coefficients, thickened
-from ngfsi_geometry.plane import Ellipse
+from ngfsi_geometry.calf import CalfSegment, CalfVein
+from ngfsi_geometry.calf_section import touching
+from ngfsi_geometry.loft import StarLoft
+from ngfsi_geometry.plane import Star
 from ngfsi_geometry.segment import MeshSettings
 
 Array = NDArray[np.float64]
@@ -36,13 +36,23 @@ Array = NDArray[np.float64]
 ANATOMY = ("skin", "tibia", "fibula", "lumen")
 FEWEST = 4
 """Outlines that a stack needs."""
+EDGE_POINTS = 800
+POINTS = 96
+"""Of a section that is checked."""
+DENSE = 4
+"""Heights for each outline at which the surface through them is looked at."""
+NEAREST = 0.2
+"""Least distance of a surface from its middle, as a fraction of its radius."""
 GAP = 2e-3
-"""Between the circles of the straight segment, at least [m]; they are made smaller where outlines are nearer."""
+"""Between the curves of the straight segment, at least [m]; they are made smaller where outlines are nearer."""
+FRACTIONS = 1.0, 0.9, 0.8, 0.65, 0.5, 0.35
+STEPS = 4
+"""In which the straight segment is deformed."""
 
 
 @dataclass(frozen=True)
 class Stack:
-    """Outlines of skin, tibia, fibula and lumen from distal to proximal, and their heights [m].
+    """Outlines of skin, tibia, fibula, lumen, and of lumen_2 ... from distal to proximal, and their heights [m].
 
     Attributes:
         first: number of the first of them in an image, for sentences.
@@ -52,13 +62,18 @@ class Stack:
     heights: tuple[float, ...]
     first: int = 0
 
-    def check(self, wall_thickness: float) -> None:
+    @property
+    def lumens(self) -> tuple[str, ...]:
+        """Names of the veins."""
+        return tuple(name for name in self.outlines if name not in ("skin", "tibia", "fibula"))
+
+    def check(self) -> None:
         """Refuse stacks that make no calf.
 
         Raises:
             GeometryError: names the slice.
         """
-        counts = {name: len(self.outlines[name]) for name in ANATOMY}
+        counts = {name: len(self.outlines[name]) for name in self.outlines}
         if {*counts.values()} != {len(self.heights)} or len(self.heights) < FEWEST:
             listed = ", ".join(f"{count} of {name}" for name, count in counts.items())
             raise GeometryError(
@@ -68,24 +83,18 @@ class Stack:
         if np.any(np.diff(self.heights) <= 0):
             number = self.first + int(np.argmin(np.diff(self.heights))) + 1
             raise GeometryError(f"the heights of a stack must increase, that of slice {number} does not: sort them")
-        for k in range(len(self.heights)):
-            parts: dict[str, Any] = {name: self.outlines[name][k] for name in ANATOMY}
-            try:
-                CalfSection(veins=(Vein(lumen=parts.pop("lumen"), wall_thickness=wall_thickness),), **parts)
-            except GeometryError as error:
-                sentence = str(error).removeprefix(f"{CalfSection.__name__}: ")
-                raise GeometryError(f"slice {self.first + k}: {sentence}") from None
-        for name in ANATOMY:
+        for name in self.outlines:
             self._check_jumps(name)
 
     def _check_jumps(self, name: str) -> None:
         stack = self.outlines[name]
         for k, (low, high) in enumerate(pairwise(stack), start=self.first + 1):
             moved = float(np.linalg.norm(high.centroid - low.centroid))
-            if moved > np.sqrt(low.area / pi):
+            risen = self.heights[k - self.first] - self.heights[k - self.first - 1]
+            if moved > max(np.sqrt(low.area / pi), risen):
                 raise GeometryError(
                     f"slice {k}: '{name}' lies {1e3 * moved:.1f} mm beside that of the slice before, by more than its "
-                    "radius: look whether both are the same part"
+                    "radius and steeper than 45 degrees: look whether both are the same part"
                 )
 
 
@@ -96,8 +105,13 @@ class CalfLoft(ConfigModel):
     fluid: ClassVar[str] = CalfSegment.fluid
 
     wall_thickness: Length = Field(1e-3, gt=0, description="thickness of the vein wall; source study: 1 mm")
-    modes: int = Field(8, ge=1, le=24, description="Fourier modes kept of each outline")
-    pieces: int = Field(6, ge=1, description="pieces of the splines along z that fit the outlines by least squares")
+    modes: int = Field(4, ge=1, le=24, description="most Fourier modes kept of each outline")
+    smoothing: Length = Field(
+        20e-3,
+        gt=0,
+        description="length of the pieces of the splines along z, which are fitted to the outlines by least squares; "
+        "at most the distance of the outlines: they are met exactly",
+    )
     mesh: MeshSettings = MeshSettings()
 
     @property
@@ -107,45 +121,121 @@ class CalfLoft(ConfigModel):
 
     @model_validator(mode="after")
     def _check_stack(self) -> Self:
-        self.stack.check(self.wall_thickness)
+        self.stack.check()
+        for k, section in enumerate(self.sections(), start=self.stack.first):
+            skin = section.pop("skin")
+            veins = {f"the wall of vein {n}": section.pop(_named("wall_outer", n)) for n in self._numbers}
+            if reason := touching({"tibia": section["tibia"], "fibula": section["fibula"], **veins}, skin):
+                raise GeometryError(f"slice {k}: {reason}")
         _ = self.straight
         return self
 
+    def sections(self) -> Iterator[dict[str, Outline]]:
+        """Yield the sections of all surfaces at the heights of the outlines, in their coordinates."""
+        z = np.array(self.stack.heights) - self.stack.heights[0]
+        points = {name: loft.sections(z, POINTS) for name, loft in self._in_place.items()}
+        for k in range(len(z)):
+            yield {n: Outline.through(np.column_stack([p[k].real, p[k].imag])) for n, p in points.items()}
+
     @cached_property
-    def _lofts(self) -> dict[str, Loft]:
-        """Surfaces by the name of their boundary, around the origin."""
+    def _in_place(self) -> dict[str, StarLoft]:
+        """Surfaces by the name of their boundary, in the coordinates of the outlines."""
         stack = self.stack
-        rows = {name: [coefficients(o, self.modes) for o in stack.outlines[name]] for name in ANATOMY}
-        rows["interface"] = rows.pop("lumen")
-        rows["wall_outer"] = [thickened(row, self.wall_thickness) for row in rows["interface"]]
         z = np.array(stack.heights) - stack.heights[0]
-        middle = _middle(Loft(z, rows["skin"], self.pieces))[1]
+        found = {name: self._loft(z, stack.outlines[name]) for name in ("skin", "tibia", "fibula")}
+        for number, name in enumerate(stack.lumens, start=1):
+            lumen = self._loft(z, stack.outlines[name])
+            found[_named("interface", number)] = lumen
+            found[_named("wall_outer", number)] = lumen.thickened(z, self.wall_thickness, self._pieces)
+        return found
 
-        def moved(row: Complex) -> Complex:
-            row = row.copy()
-            row[self.modes] -= middle
-            return row
+    @cached_property
+    def _lofts(self) -> dict[str, StarLoft]:
+        """The surfaces around the origin."""
+        return {name: loft.moved(-self._middle_of_skin) for name, loft in self._in_place.items()}
 
-        return {name: Loft(z, [moved(row) for row in stacked], self.pieces) for name, stacked in rows.items()}
+    @property
+    def _middle_of_skin(self) -> complex:
+        return _middle(self._in_place["skin"])[1]
+
+    def deviations(self) -> list[dict[str, float | str]]:
+        """Return for each slice and part how the smooth surfaces differ from what is given there.
+
+        Keys: slice, part, area of the given outline [m2] and relative error of the surface's, distance of the centroids
+        [m], and largest and root mean square distance [m] of the section from the outline (of labels: their edge).
+        """
+        names = {name: name for name in ("skin", "tibia", "fibula")}
+        names |= {name: _named("interface", k) for k, name in enumerate(self.stack.lumens, start=1)}
+        rows: list[dict[str, float | str]] = []
+        for k, section in enumerate(self.sections()):
+            for part, name in names.items():
+                given, found = self.stack.outlines[part][k], section[name]
+                step = found.length / EDGE_POINTS
+                away = distances(dense(closed(found.points), step), self.edge(part, k))
+                rows.append({
+                    "slice": self.stack.first + k, "part": part, "area_m2": given.area,
+                    "area_error_1": found.area / given.area - 1,
+                    "centroid_error_m": float(np.linalg.norm(found.centroid - given.centroid)),
+                    "distance_max_m": float(away.max()), "distance_rms_m": float(np.sqrt(np.mean(away**2))),
+                })  # fmt: skip
+        return rows
+
+    def edge(self, part: str, number: int) -> Array:
+        """Return points (n, 2) [m] of the edge of a part in one of the slices, from 0."""
+        outline = self.stack.outlines[part][number]
+        return outline.resampled(EDGE_POINTS)
+
+    @property
+    def _pieces(self) -> int:
+        return max(1, round(self.length / self.smoothing))
+
+    def _loft(self, z: Array, outlines: tuple[Outline, ...]) -> StarLoft:
+        """Return the smooth surface near outlines, of fewer modes where it would else come too near to its middle."""
+        for modes in range(self.modes, 0, -1):
+            loft = StarLoft.through(z, outlines, modes, self._pieces)
+            squares = loft.squares(np.linspace(z[0], z[-1], DENSE * len(z)))
+            if np.all(squares.min(axis=1) > NEAREST**2 * squares.mean(axis=1)):
+                break
+        return loft
+
+    @cached_property
+    def _curves(self) -> dict[str, Star]:
+        """Curves of the straight segment that is meshed: the lofts' means along z, apart from each other."""
+        found = {}
+        for name, loft in self._lofts.items():
+            middle, row = loft.mean()
+            found[name] = Star(name, middle.real, middle.imag, tuple(map(complex, row)))
+        skin = found.pop("skin")
+        for fraction in FRACTIONS:
+            smaller = {name: curve.scaled(name, fraction) for name, curve in found.items()}
+            outside = [curve for name, curve in smaller.items() if not name.startswith("interface")]
+            gaps = [a.gap(b) for a, b in combinations(outside, 2)] + [a.margin(skin) for a in outside]
+            if min(gaps) >= GAP:
+                break
+        return {"skin": skin, **smaller}
 
     @cached_property
     def straight(self) -> CalfSegment:
-        """The straight segment that is meshed: circles of the mean areas about the mean axes, apart from each other."""
-        circles = {}
-        for name, loft in self._lofts.items():
-            area, middle = _middle(loft)
-            circles[name] = Ellipse(name, middle.real, middle.imag, float(np.sqrt(area / pi)))
-        skin, lumen = circles.pop("skin"), circles.pop("interface")
-        fraction = _fraction(list(circles.values()), skin)
-        inner = {name: replace(circle, radius=fraction * circle.radius) for name, circle in circles.items()}
-        tibia, fibula, outer = (inner[name] for name in ("tibia", "fibula", "wall_outer"))
+        """A straight segment of circles of the same areas, from which names and numbers of elements are taken."""
+        curves = self._curves
+        skin, tibia, fibula = (curves[name] for name in ("skin", "tibia", "fibula"))
+        pairs = [(curves[_named("interface", k)], curves[_named("wall_outer", k)]) for k in self._numbers]
+        (lumen, outer), *others = pairs
+        further = tuple(
+            CalfVein(lumen_diameter=2 * hole.radius, wall_thickness=wall.radius - hole.radius, x=wall.x, y=wall.y)
+            for hole, wall in others
+        )
         return CalfSegment(
-            length=self.length, lumen_diameter=2 * fraction * lumen.radius, mesh=self.mesh,
-            wall_thickness=outer.radius - fraction * lumen.radius, vein_x=outer.x, vein_y=outer.y,
+            length=self.length, lumen_diameter=2 * lumen.radius, mesh=self.mesh,
+            wall_thickness=outer.radius - lumen.radius, vein_x=outer.x, vein_y=outer.y,
             skin_radius_distal=skin.radius, skin_radius_proximal=skin.radius,
             tibia_x=tibia.x, tibia_y=tibia.y, tibia_diameter=2 * tibia.radius,
-            fibula_x=fibula.x, fibula_y=fibula.y, fibula_diameter=2 * fibula.radius,
+            fibula_x=fibula.x, fibula_y=fibula.y, fibula_diameter=2 * fibula.radius, further_veins=further,
         )  # fmt: skip
+
+    @property
+    def _numbers(self) -> range:
+        return range(1, 1 + len(self.stack.lumens))
 
     @property
     def length(self) -> float:
@@ -155,7 +245,10 @@ class CalfLoft(ConfigModel):
     @property
     def lumen_radius(self) -> float:
         """Radius [m] of the circle with the mean area of the lumen."""
-        return float(np.sqrt(_middle(self._lofts["interface"])[0] / pi))
+        return self._radius(1)
+
+    def _radius(self, number: int) -> float:
+        return float(np.sqrt(_middle(self._lofts[_named("interface", number)])[0] / pi))
 
     @property
     def size(self) -> float:
@@ -174,8 +267,8 @@ class CalfLoft(ConfigModel):
 
     @property
     def vessels(self) -> tuple[Vessel, ...]:
-        """The vein, in the straight mesh."""
-        return tuple(replace(vessel, radius=self.lumen_radius) for vessel in self.straight.vessels)
+        """The veins, in the straight mesh."""
+        return tuple(replace(vessel, radius=self._radius(k)) for k, vessel in enumerate(self.straight.vessels, start=1))
 
     @property
     def rigid_names(self) -> tuple[str, ...]:
@@ -200,8 +293,12 @@ class CalfLoft(ConfigModel):
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of each region between the lofts."""
         inside = {name: loft.volume() for name, loft in self._lofts.items()}
-        tissue = inside["skin"] - inside["tibia"] - inside["fibula"] - inside["wall_outer"]
-        return {"tissue": tissue, "wall": inside["wall_outer"] - inside["interface"], "fluid": inside["interface"]}
+        found = {"tissue": inside["skin"] - inside["tibia"] - inside["fibula"]}
+        for k in self._numbers:
+            lumen, outer = inside[_named("interface", k)], inside[_named("wall_outer", k)]
+            found["tissue"] -= outer
+            found |= {_named("wall", k): outer - lumen, _named("fluid", k): lumen}
+        return found
 
     def mesh_attempts(self) -> tuple[str, ...]:
         """Return a description of each way to mesh this segment, in the order to be tried."""
@@ -209,21 +306,20 @@ class CalfLoft(ConfigModel):
 
     def netgen_mesh(self, attempt: int = 0) -> Any:
         """Return the Netgen mesh [m] of the straight segment; attempt: index in `mesh_attempts`."""
-        return self.straight.netgen_mesh(attempt)
+        return self.straight.netgen_mesh(attempt, self._curves)
 
     def shape_map(self) -> BoundaryMotion:
         """Return the displacement [m] of the straight segment's surfaces to the lofts."""
         import ngsolve as ng
 
-        circles = {c.name: c for c in (self.straight.skin, self.straight.wall_outer, *self.straight.bones)}
-        circles["interface"] = circles["wall_outer"]
         motions = {}
         for name, loft in self._lofts.items():
-            across = ng.x - circles[name].x, ng.y - circles[name].y
+            curve = self._curves[name]
+            across = ng.x - curve.x, ng.y - curve.y
             radius = ng.sqrt(across[0] ** 2 + across[1] ** 2)
             x, y = loft.position((across[0] / radius, across[1] / radius), ng.z)
             motions[name] = ng.CF((x - ng.x, y - ng.y, 0.0)).Compile()
-        return BoundaryMotion(motions)
+        return BoundaryMotion(motions, STEPS, straight=True)
 
     def inflow(self) -> None:
         """Return nothing: the developed profile in a section of any shape is found on the mesh."""
@@ -236,23 +332,23 @@ class LoftedCalf(CalfLoft):
     tibia: tuple[Outline, ...]
     fibula: tuple[Outline, ...]
     lumen: tuple[Outline, ...]
+    further_lumens: tuple[tuple[Outline, ...], ...] = Field((), description="outlines of further veins")
     heights: tuple[Length, ...] = Field(description="positions z of the outlines, from distal to proximal")
     first_slice: int = Field(0, ge=0, description="number of the first outline in the image, for sentences")
 
     @cached_property
     def stack(self) -> Stack:
         """The outlines."""
-        return Stack({name: getattr(self, name) for name in ANATOMY}, self.heights, self.first_slice)
+        outlines = {name: getattr(self, name) for name in ANATOMY}
+        outlines |= {_named("lumen", k): stack for k, stack in enumerate(self.further_lumens, start=2)}
+        return Stack(outlines, self.heights, self.first_slice)
 
 
-def _middle(loft: Loft) -> tuple[float, complex]:
+def _named(part: str, number: int) -> str:
+    return part if number == 1 else f"{part}_{number}"
+
+
+def _middle(loft: StarLoft) -> tuple[float, complex]:
     """Return the mean area [m2] of the sections along z, and the mean of their middles x + iy [m]."""
-    rows = loft.at(np.linspace(loft.start, loft.end, 65))
-    return loft.volume() / (loft.end - loft.start), complex(np.mean(rows[:, loft.modes]))
-
-
-def _fraction(inner: list[Ellipse], skin: Ellipse) -> float:
-    """Return the factor on the radii of circles, at most 1, with which they leave the gap between them."""
-    fractions = [(hypot(a.x - b.x, a.y - b.y) - GAP) / (a.radius + b.radius) for a, b in combinations(inner, 2)]
-    fractions += [(skin.radius - hypot(a.x - skin.x, a.y - skin.y) - GAP) / a.radius for a in inner]
-    return min(1.0, *fractions)
+    middle, row = loft.mean()
+    return pi * float(row[0].real), middle

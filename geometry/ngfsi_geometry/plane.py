@@ -1,4 +1,4 @@
-"""Meshes of a plane section bounded by circles and straight sides: triangulated tissue, veins filled ring by ring."""
+"""Meshes of a plane section bounded by closed curves and straight sides: tissue in triangles, veins ring by ring."""
 
 from __future__ import annotations
 
@@ -114,10 +114,73 @@ class Ellipse:
 
 
 @dataclass(frozen=True)
-class Ring:
-    """The section's nodes on a circle in counter-clockwise order, and the materials on its two sides (None: hole)."""
+class Star:
+    """A named closed curve of the section that is seen whole from its middle.
 
-    circle: Ellipse
+    Attributes:
+        x, y: the middle [m].
+        row: Fourier coefficients 0, 1 ... [m2] of the squared distance from it over the angle around it.
+    """
+
+    name: str
+    x: float
+    y: float
+    row: tuple[complex, ...]
+
+    @property
+    def radius(self) -> float:
+        """Radius of the circle of the same area [m]."""
+        return sqrt(self.row[0].real)
+
+    @property
+    def length(self) -> float:
+        """Length of the curve [m]."""
+        ring = self.points(_AROUND)
+        return float(np.sum(np.hypot(*(np.roll(ring, -1, axis=0) - ring).T)))
+
+    def scaled(self, name: str, factor: float) -> Star:
+        """Return a similar curve about the same middle."""
+        return replace(self, name=name, row=tuple(factor**2 * c for c in self.row))
+
+    def points(self, angles: Points) -> Points:
+        """Return the points at angles around the middle [rad], shape (n, 2)."""
+        orders = np.arange(1, len(self.row))
+        waves = np.exp(1j * np.outer(angles, orders)) @ np.array(self.row[1:])
+        radii = np.sqrt(self.row[0].real + 2 * waves.real)
+        rays = np.column_stack([np.cos(angles), np.sin(angles)])
+        return np.asarray(np.array([self.x, self.y]) + radii[:, None] * rays)
+
+    def angles(self, points: Points) -> Points:
+        """Return the angles [rad] of points around the middle."""
+        return np.asarray(np.arctan2(points[:, 1] - self.y, points[:, 0] - self.x))
+
+    def gap(self, other: Star) -> float:
+        """Return the distance [m] of the curve from another; 0 if they cross or one lies in the other."""
+        mine, its = self.points(_AROUND), other.points(_AROUND)
+        if other.holds(mine).any() or self.holds(its).any():
+            return 0.0
+        return float(np.hypot(*(mine[:, None] - its[None]).T).min())
+
+    def margin(self, other: Star) -> float:
+        """Return the distance [m] of the curve from another around it; 0 if they cross or it lies outside."""
+        mine, its = self.points(_AROUND), other.points(_AROUND)
+        return float(np.hypot(*(mine[:, None] - its[None]).T).min()) if other.holds(mine).all() else 0.0
+
+    def holds(self, points: Points) -> NDArray[np.bool_]:
+        """Return which points lie in the curve."""
+        away = np.hypot(points[:, 0] - self.x, points[:, 1] - self.y)
+        edge = self.points(self.angles(points)) - [self.x, self.y]
+        return np.asarray(away < np.hypot(edge[:, 0], edge[:, 1]))
+
+
+Curve = Ellipse | Star
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The section's nodes on a curve in counter-clockwise order, and the materials on its two sides (None: hole)."""
+
+    circle: Curve
     nodes: Indices
     inside: str | None
     outside: str | None
@@ -154,10 +217,10 @@ def even_angles(segments: int) -> Points:
     return 2 * np.pi * (np.arange(segments) + 0.25) / segments
 
 
-def triangulate(material: str, loops: Sequence[tuple[Ellipse, Points]], size: float) -> SectionMesh:
-    """Triangulate the disc of the last circle without the others; each circle comes with the angles of its nodes.
+def triangulate(material: str, loops: Sequence[tuple[Curve, Points]], size: float) -> SectionMesh:
+    """Triangulate the inside of the last curve without the others; each curve comes with the angles of its nodes.
 
-    Where Netgen adds a node to a circle it is moved onto it. Lengths are scaled by the disc's radius before meshing,
+    Where Netgen adds a node to a curve it is moved onto it. Lengths are scaled by the disc's radius before meshing,
     since the mesher compares lengths with absolute tolerances.
     """
     scale = loops[-1][0].radius
@@ -173,11 +236,13 @@ def triangulate(material: str, loops: Sequence[tuple[Ellipse, Points]], size: fl
     mesh = plane.GenerateMesh(maxh=size / scale, grading=GROWTH)
     points = np.array([point.p[:2] for point in mesh.Points()]) * scale
     triangles = np.array([[v.nr - 1 for v in t.vertices] for t in mesh.Elements2D()], dtype=np.int32)
-    rim = np.unique([v.nr - 1 for edge in mesh.Elements1D() for v in edge.vertices]).astype(np.int32)
+    # edges have the number of the line of which they are a part
+    rims = np.array([(edge.index, v.nr - 1) for edge in mesh.Elements1D() for v in edge.vertices], dtype=np.int32)
     rings: list[Ring] = []
-    for circle, _ in loops:
-        mine = circle.holds(points[rim])
-        nodes, rim = rim[mine], rim[~mine]
+    first = 1
+    for circle, given in loops:
+        nodes = np.unique(rims[(rims[:, 0] >= first) & (rims[:, 0] < first + len(given)), 1])
+        first += len(given)
         angles = circle.angles(points[nodes])
         points[nodes] = circle.points(angles)
         sides_of = (material, None) if circle is loops[-1][0] else (None, material)
@@ -193,7 +258,7 @@ def counter_clockwise(points: Points, triangles: Indices) -> Indices:
 
 
 def fill_vein(
-    section: SectionMesh, hole: str, layers: Sequence[tuple[Ellipse, str]], core: str | None, split: bool
+    section: SectionMesh, hole: str, layers: Sequence[tuple[Curve, str]], core: str | None, split: bool
 ) -> SectionMesh:
     """Fill a hole of a section with concentric layers and a core.
 
@@ -233,7 +298,7 @@ def annulus(outer: Indices, inner: Indices, split: bool) -> Indices:
     return np.vstack((first, second))
 
 
-def fill_core(circle: Ellipse, nodes: Indices, angles: Points, count: int) -> tuple[Points, Indices]:
+def fill_core(circle: Curve, nodes: Indices, angles: Points, count: int) -> tuple[Points, Indices]:
     """Fill a disc by rings of half as many nodes each while there are many, then a fan around the centre.
 
     Returns: new points, numbered from `count`, and triangles.

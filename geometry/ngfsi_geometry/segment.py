@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from math import ceil, cos, degrees, isclose, pi, sin, sqrt
 from typing import Any, ClassVar, Literal
@@ -18,7 +18,7 @@ from ngfsi.mesh.curving import BoundaryMotion
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.units import Angle, Area, Length
 from ngfsi_geometry.extrusion import extrude, layer_heights
-from ngfsi_geometry.plane import Ellipse, SectionMesh, even_angles, fill_vein, triangulate
+from ngfsi_geometry.plane import Curve, Ellipse, SectionMesh, Star, even_angles, fill_vein, triangulate
 
 TISSUE_ENDS = ("tissue_bottom", "tissue_top")
 
@@ -349,28 +349,40 @@ class VeinSegment(ConfigModel):
             return ("Netgen's default sizes",)
         return tuple(f"element sizes x {factor:g}" for factor in SIZE_FACTORS)
 
-    def netgen_mesh(self, attempt: int = 0) -> Any:
-        """Return the straight Netgen mesh [m] with its geometry and names; attempt: index in `mesh_attempts`."""
+    def netgen_mesh(self, attempt: int = 0, curves: Mapping[str, Star] | None = None) -> Any:
+        """Return the straight Netgen mesh [m] with its geometry and names.
+
+        Args:
+            attempt: index in `mesh_attempts`.
+            curves: boundary -> curve in place of its ellipse; of all boundaries along z.
+        """
         if self.mesh.element == "csg":
             return self._mesh_of_solids()
         heights = layer_heights(self.length, self.mesh.axial_layers, self.mesh.end_refinement)
-        section = self._section(SIZE_FACTORS[attempt])
+        section = self._section(SIZE_FACTORS[attempt], curves or {})
         return extrude(section, heights, self.ends, split=self.mesh.element == "tetrahedron")
 
-    def _section(self, factor: float) -> SectionMesh:
+    def _section(self, factor: float, curves: Mapping[str, Star]) -> SectionMesh:
         """Return the mesh of the cross-section, its element sizes multiplied by a factor."""
         far, near = self.mesh.far_size * factor, self.mesh.vein_size * factor
-        loops = [(vein.outermost, even_angles(self._vein_segments(vein, near))) for vein in self.veins]
-        loops += [(circle, even_angles(self._segments(circle, near, far))) for circle in (*self.bones, self.skin)]
-        section = triangulate("tissue", loops, far)
+        rims = [(vein.outermost, self._vein_segments(vein, near)) for vein in self.veins]
+        rims += [(circle, self._segments(circle, near, far)) for circle in (*self.bones, self.skin)]
+        section = triangulate("tissue", [(curves.get(c.name, c), even_angles(count)) for c, count in rims], far)
         for vein in self.veins:
-            section = self._filled(section, vein, vein.outermost.name)
+            section = self._filled(section, vein, vein.outermost.name, curves)
         return section
 
-    def _filled(self, section: SectionMesh, vein: StraightVein, hole: str) -> SectionMesh:
+    def _filled(
+        self, section: SectionMesh, vein: StraightVein, hole: str, curves: Mapping[str, Star] | None = None
+    ) -> SectionMesh:
         """Return a section with a vein in its hole."""
         core = None if self.hollow else vein.named("fluid")
-        return fill_vein(section, hole, vein.layers(self.mesh), core, self.mesh.element != "mixed")
+        ellipses = vein.layers(self.mesh)
+        layers: list[tuple[Curve, str]] = list(ellipses)
+        if curves:
+            inner, outer = curves[vein.interface.name], curves[vein.wall_outer.name]
+            layers = [(_between(inner, outer, vein, ellipse), region) for ellipse, region in ellipses]
+        return fill_vein(section, hole, layers, core, self.mesh.element != "mixed")
 
     def _mesh_of_solids(self) -> Any:
         from ngfsi_geometry.csg import mesh_of_solids  # with Netgen's CSG, which nothing else needs
@@ -447,6 +459,15 @@ class VeinSegment(ConfigModel):
         to_vein = min(circle.gap(outer) for outer in self.outermost)
         size = min(far, near + 0.5 * to_vein, *(2 * circle.gap(c) for c in others))
         return max(8, ceil(2 * pi * circle.radius / size))
+
+
+def _between(inner: Star, outer: Star, vein: StraightVein, circle: Ellipse) -> Star:
+    """Return the curve in the place of a circle of a vein whose lumen and wall end at two curves."""
+    t = (circle.radius - vein.lumen_radius) / vein.wall_thickness
+    if t <= 0:
+        return inner.scaled(circle.name, circle.radius / vein.lumen_radius)
+    row = tuple((1 - t) * a + t * b for a, b in zip(inner.row, outer.row, strict=True))
+    return replace(inner, name=circle.name, row=row)
 
 
 def smooth_step(t: Any) -> Any:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from ngfsi.units import Length
-from ngfsi_geometry.plane import Ellipse, Ring, SectionMesh, even_angles
+from ngfsi_geometry.plane import Ellipse, Ring, SectionMesh, Star, even_angles
 from ngfsi_geometry.segment import MeshSettings, VeinSegment
 
 
@@ -43,7 +44,7 @@ class BareTube(TubeSegment):
         """Outer surface of the wall."""
         return replace(self.wall_outer, name="skin")
 
-    def _section(self, factor: float) -> SectionMesh:
+    def _section(self, factor: float, curves: Mapping[str, Star]) -> SectionMesh:  # noqa: ARG002 - circles
         """Return the mesh of the cross-section, its element sizes multiplied by a factor."""
         (vein,) = self.veins
         angles = even_angles(self._vein_segments(vein, self.mesh.vein_size * factor))

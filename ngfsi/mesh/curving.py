@@ -66,25 +66,36 @@ class BoundaryMotion:
 
     Attributes:
         by_name: boundary -> displacement; boundaries that share an edge must agree there.
+        steps: in which the boundaries move, each on the mesh as the one before left it: more for large ones.
+        straight: whether the displacement is that of the straight mesh, which has no geometry.
     """
 
     by_name: Mapping[str, ng.CoefficientFunction]
+    steps: int = 1
+    straight: bool = False
 
     def on(self, space: Any) -> Any:
         """Return the displacement as a grid function of a vector-valued H1 space in three dimensions."""
-        motion = ng.GridFunction(space)
+        whole, motion = ng.GridFunction(space), ng.GridFunction(space)
         given = ng.BitArray(space.ndof)
         given[:] = False
         for name, displacement in self.by_name.items():
-            _on_boundaries(motion, [name], displacement)
+            _on_boundaries(whole, [name], displacement)
             given |= space.GetDofs(ng.Region(space.mesh, ng.BND, name))
         given[space.ndof // 3 * 2 : space.ndof] = True  # z
         trial, test = space.TnT()
         strain = ng.Grad(trial) + ng.Grad(trial).trans
         work = ng.InnerProduct(strain, ng.Grad(test)) / ng.specialcf.mesh_size**2
-        stiffness = ng.BilinearForm(work * ng.dx, symmetric=True).Assemble().mat
-        inverse = stiffness.Inverse(~given, inverse="sparsecholesky")
-        motion.vec.data -= inverse @ stiffness * motion.vec
+        for _ in range(self.steps):
+            if self.steps > 1:
+                space.mesh.SetDeformation(motion)
+            stiffness = ng.BilinearForm(work * ng.dx, symmetric=True).Assemble().mat
+            if self.steps > 1:
+                space.mesh.UnsetDeformation()
+            inverse = stiffness.Inverse(~given, inverse="sparsecholesky")
+            step = ((1 / self.steps) * whole.vec).Evaluate()
+            step.data -= inverse @ stiffness * step
+            motion.vec.data += step
         return motion
 
 
@@ -105,6 +116,8 @@ def reference_shape(mesh: Any, boundaries: Sequence[str], order: int, shape_map:
     space = ng.VectorH1(mesh, order=order)
     if isinstance(shape_map, EdgeBulges):
         # Netgen would curve a mesh without a geometry along that of whatever mesh was there before
+        return shape_map.on(space)
+    if isinstance(shape_map, BoundaryMotion) and shape_map.straight:
         return shape_map.on(space)
     position = ng.CF((ng.x, ng.y, ng.z)[: mesh.dim])
     mesh.Curve(order)

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ngfsi.arrays import Array, Mask
+from ngfsi.arrays import Array, Mask, Waves
 from ngfsi.config.columns import read_columns
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
@@ -135,6 +135,22 @@ class Outline(ConfigModel):
         moments = self._integral(lambda p, t: np.column_stack([p[:, 0] ** 2 * t[:, 1], -(p[:, 1] ** 2) * t[:, 0]]) / 2)
         return np.asarray(moments / self.area)
 
+    def harmonics(self, centre: tuple[float, float], modes: int) -> Waves:
+        """Return the Fourier coefficients 0..modes [m2] of the squared distance from a centre over the angle around it.
+
+        Where a ray meets the curve several times, what it passes inside counts: 2 pi c_n is the integral of
+        exp(-i n angle) (x dy - y dx) along the curve, so that pi c_0 is the area for every curve and centre.
+        """
+        z = complex(*centre)
+
+        def moments(p: Array, t: Array) -> Waves:
+            away = p[:, 0] + 1j * p[:, 1] - z
+            sweep = away.real * t[:, 1] - away.imag * t[:, 0]
+            turned: Waves = (away.conj() / np.abs(away))[:, None] ** np.arange(modes + 1)
+            return np.asarray(sweep[:, None] * turned)
+
+        return np.asarray(self._integral(moments) / (2 * np.pi))
+
     def at(self, arc: Array) -> Array:
         """Return the points (n, 2) [m] at arc lengths (n,) [m] from the first point, taken modulo the length."""
         return np.asarray(self._spline(self._parameter(np.asarray(arc))))
@@ -194,6 +210,25 @@ def polygon_area(ring: Array) -> float:
     """Return the area inside a closed polygon (n, 2) by the shoelace formula; a first point may stand last again."""
     x, y = ring.T
     return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
+
+
+def distances(one: Array, other: Array) -> Array:
+    """Return the distances [m] of the points of two curves from the nearest points of the other."""
+    from scipy.spatial import cKDTree
+
+    return np.asarray(np.r_[cKDTree(other).query(one)[0], cKDTree(one).query(other)[0]])
+
+
+def dense(line: Array, step: float) -> Array:
+    """Return points (n, 2) [m] along a line at distances of at most `step` [m]."""
+    arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T))]
+    at = np.linspace(0, arc[-1], 1 + int(np.ceil(arc[-1] / step)))
+    return np.column_stack([np.interp(at, arc, part) for part in line.T])
+
+
+def closed(ring: Array) -> Array:
+    """Return points (n + 1, 2) of a ring (n, 2) whose first one stands last again."""
+    return np.asarray(np.vstack([ring, ring[:1]]))
 
 
 def _crossing(points: Array) -> tuple[int, int] | None:

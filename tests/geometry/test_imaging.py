@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gzip
+import struct
+from collections.abc import Callable, Sequence
 from functools import cache
+from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
-from ngfsi_geometry.calf_section import COMPARTMENTS, subject
-from ngfsi_geometry.imaging import LABELS, PIXEL, SLICE, LabelMap, phantom_stack
+from ngfsi_geometry.calf_section import COMPARTMENTS, Vein, subject
+from ngfsi_geometry.imaging import LABELS, PIXEL, POINTS_OF_A_MODE, SLICE, LabelMap, phantom_stack
+from scipy.ndimage import label
 
 from ngfsi.errors import GeometryError
-from ngfsi.outlines.outline import Outline
+from ngfsi.outlines.outline import Outline, closed, dense, distances
 from tests.vein import domain_of
 
 ONE = subject(1)
@@ -117,9 +121,61 @@ def test_pixels_of_two_sizes() -> None:
     numbers[0][((x - 10) / 4.5) ** 2 + ((y - 20) / 9) ** 2 < 1] = LABELS["lumen"]
     image = LabelMap(numbers, (0.0, 0.0, 0.0), (2e-3, 1e-3, 5e-3), LABELS)
     outline = image.outline("lumen", 0)
-    assert outline.area == pytest.approx(float((numbers > 0).sum()) * 2e-6, rel=0.01)
+    assert outline.area == pytest.approx(float((numbers > 0).sum()) * 2e-6, rel=1e-3)
     assert outline.centroid == pytest.approx([20e-3, 20e-3], abs=0.2e-3)
     assert np.ptp(outline.points, axis=0) == pytest.approx([18e-3, 18e-3], rel=0.1)
+
+
+def noisy(seed: int, size: int = 40) -> Any:
+    """Return the mask of an ellipse of 11 by 7 pixels whose edge is rough."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:size, :size]
+    angle = np.arctan2(y - 20, x - 19)
+    rough = sum(rng.normal(0, 0.03) * np.cos(n * angle + rng.uniform(0, 6)) for n in range(2, 9))
+    rim = ((x - 19) / 11) ** 2 + ((y - 20) / 7) ** 2
+    return rim < (1 + rough) ** 2 + rng.normal(0, 0.04, rim.shape)
+
+
+def map_of(mask: Any, pixel: float = PIXEL) -> LabelMap:
+    numbers = np.where(mask, LABELS["lumen"], 0)[None]
+    return LabelMap(numbers, (0.0, 0.0, 0.0), (pixel, pixel, SLICE), LABELS)
+
+
+def test_noisy_labels_become_smooth_curves() -> None:
+    """Area and centroid of the pixels, nowhere a pixel beside their edge, and few enough points for a wall around."""
+    for seed in range(6):
+        mask = noisy(seed)
+        if label(mask)[1] > 1:
+            continue
+        image = map_of(mask)
+        outline = image.outline("lumen", 0)
+        away = distances(dense(closed(outline.resampled(400)), PIXEL / 4), image.edge("lumen", 0))
+        assert outline.area == pytest.approx(mask.sum() * PIXEL**2, rel=1e-3)
+        middle = PIXEL * np.mean(np.argwhere(mask)[:, ::-1], axis=0)
+        assert outline.centroid == pytest.approx(middle, abs=1e-3 * PIXEL)
+        assert away.max() <= 1.05 * PIXEL
+        assert len(outline.x) <= 8 * POINTS_OF_A_MODE
+        wall = Vein(lumen=outline, wall_thickness=1e-3).outer
+        assert wall.distance_to(outline) == pytest.approx(1e-3, rel=0.02)
+
+
+def test_an_oval_stays_oval() -> None:
+    """The fewest modes are no circle where the pixels show an ellipse, though one lay within a pixel of it."""
+    y, x = np.mgrid[:40, :40]
+    outline = map_of(((x - 19) / 5.5) ** 2 + ((y - 20) / 4.5) ** 2 < 1).outline("lumen", 0)
+    assert np.ptp(outline.points[:, 0]) / np.ptp(outline.points[:, 1]) == pytest.approx(5.5 / 4.5, rel=0.06)
+
+
+def test_a_crescent_keeps_its_shape() -> None:
+    """No part that is not seen whole from its middle is squeezed into a star."""
+    y, x = np.mgrid[:48, :48]
+    ring = np.hypot(x - 23, y - 23)
+    mask = (ring < 18) & (ring > 11) & (x > 16)
+    image = map_of(mask)
+    outline = image.outline("lumen", 0)
+    assert outline.area == pytest.approx(mask.sum() * PIXEL**2, rel=5e-3)
+    assert not outline.contains(PIXEL * np.array([[23.0, 23.0]]))[0]
+    assert distances(outline.resampled(800), image.edge("lumen", 0)).max() < 1.2 * PIXEL
 
 
 def _flipped(image: Any) -> Any:
@@ -151,14 +207,14 @@ def test_direction_matrix(stored: Callable[[Any], Any]) -> None:
         assert one.centroid == pytest.approx(other.centroid, abs=1e-7)
 
 
-def write_series(folder: Path, image: Any, numbers: list[int]) -> None:
-    """Write slices of an image as a DICOM series."""
+def write_series(folder: Path, image: Any, numbers: list[int], shift: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+    """Write slices of an image as a DICOM series, each shifted (mm) against the one before."""
     writer = sitk.ImageFileWriter()
     writer.KeepOriginalImageUIDOn()
     for k in numbers:
         layer = sitk.Cast(image[:, :, k], sitk.sitkUInt16)
         direction = np.reshape(image.GetDirection(), (3, 3))
-        place = image.TransformIndexToPhysicalPoint((0, 0, k))
+        place = np.array(image.TransformIndexToPhysicalPoint((0, 0, k))) + k * np.array(shift)
         for tag, value in {
             "0020|000e": "1.2.826.0.1.3680043.2.1125.1",
             "0020|000d": "1.2.826.0.1.3680043.2.1125.2",
@@ -187,6 +243,109 @@ def test_dicom_series(tmp_path: Path) -> None:
         LabelMap.read(gap)
     with pytest.raises(GeometryError, match="holds 0 DICOM series"):
         LabelMap.read(tmp_path)
+
+
+def box() -> Any:
+    """Return a small label map whose voxels, places and sides are all different, in a place of its own."""
+    numbers = np.arange(4 * 5 * 6).reshape(4, 5, 6).astype(np.uint8)
+    image = sitk.GetImageFromArray(numbers)
+    image.SetSpacing([0.7, 0.8, 3.0])
+    image.SetOrigin([-31.0, 12.0, 140.0])
+    return image
+
+
+@pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha"])
+def test_every_orientation(tmp_path: Path, suffix: str) -> None:
+    """All 48 orders and senses of the axes, in each format: the same voxels at the same places."""
+    plain = LabelMap.of_image(box())
+    for order in permutations(range(3)):
+        for flips in product((False, True), repeat=3):
+            image = sitk.Flip(sitk.PermuteAxes(box(), order), flips)
+            sitk.WriteImage(image, tmp_path / f"box.{suffix}")
+            found = LabelMap.read(tmp_path / f"box.{suffix}")
+            assert np.array_equal(found.numbers, plain.numbers), (order, flips)
+            assert found.spacing == pytest.approx(plain.spacing, rel=1e-6)
+            assert found.origin == pytest.approx(plain.origin, rel=1e-6)
+
+
+TILT = np.tan(np.radians(15))
+
+
+def tilted_nifti(file: Path, ways: Any) -> None:
+    """Write the bent vein with an sform (mm, NIfTI's axes) that ITK does not accept."""
+    sitk.WriteImage(vein_stack(), file)
+    data = bytearray(gzip.decompress(file.read_bytes()))
+    rows = np.column_stack([ways, [10.0, 20.0, 30.0]])
+    data[252:256] = struct.pack("<hh", 0, 1)
+    data[280:328] = struct.pack("<12f", *rows.ravel())
+    file.write_bytes(gzip.compress(bytes(data)))
+
+
+def test_tilted_gantry(tmp_path: Path) -> None:
+    """Slices keep their distance, and are shifted by its tangent; a series as a NIfTI file with a sheared sform."""
+    plain = LabelMap.of_image(vein_stack())
+    pixel, rise = 1e3 * PIXEL, 1e3 * SLICE
+    tilted_nifti(tmp_path / "tilted.nii.gz", np.array([[pixel, 0, 0], [0, pixel, TILT * rise], [0, 0, rise]]))
+    folder = tmp_path / "series"
+    folder.mkdir()
+    write_series(folder, vein_stack(), list(range(SLICES)), [0.0, -TILT * rise, 0.0])
+    for path, start in ((tmp_path / "tilted.nii.gz", (0.01, 0.02)), (folder, plain.origin[:2])):
+        found = LabelMap.read(path)
+        assert np.diff(found.heights) == pytest.approx(SLICE, rel=1e-6)
+        vein, straight = found.vein(), plain.vein()
+        for k, (one, other) in enumerate(zip(vein.outlines, straight.outlines, strict=True)):
+            moved = np.array(start) - plain.origin[:2] + [0.0, k * TILT * SLICE]
+            assert one.centroid == pytest.approx(other.centroid + moved, abs=1e-7)
+            assert one.area == pytest.approx(other.area, rel=1e-6)
+    tilted_nifti(tmp_path / "askew.nii.gz", np.array([[pixel, 0.3 * pixel, 0], [0, pixel, 0], [0, 0, rise]]))
+    with pytest.raises(GeometryError, match=r"at 73\.3 degrees, not at right angles: resample the image"):
+        LabelMap.read(tmp_path / "askew.nii.gz")
+    write_series(folder, vein_stack(), [3], [0.0, 0.4, 0.0])
+    with pytest.raises(GeometryError, match=r"slice [34] is shifted against slice [23] otherwise than the others"):
+        LabelMap.read(folder)
+
+
+def slicer(image: Any, segments: list[tuple[str, int, int]]) -> Any:
+    """Return an image with names of segments as 3D Slicer writes them."""
+    for k, (name, number, layer) in enumerate(segments):
+        for key, value in (("Name", name), ("LabelValue", str(number)), ("Layer", str(layer))):
+            image.SetMetaData(f"Segment{k}_{key}", value)
+    return image
+
+
+def test_segments_by_name(tmp_path: Path) -> None:
+    """In one layer or several that overlap, by our names or by theirs; what is above is what lies inside."""
+    plain = LabelMap.of_image(vein_stack())
+    lumen = sitk.Cast(vein_stack() == LABELS["lumen"], sitk.sitkUInt8)
+    body = sitk.Cast(vein_stack() > 0, sitk.sitkUInt8)
+    file = tmp_path / "leg.seg.nrrd"
+    names = [("Skin", 1, 0), ("Peroneal vein", 1, 1)]
+    sitk.WriteImage(slicer(sitk.Compose(body, lumen), names), file)
+    for labels in (None, {"skin": "Skin", "lumen": "peroneal vein"}):
+        found = LabelMap.read(file, labels)
+        assert np.array_equal(found._mask("lumen", 2), plain._mask("lumen", 2))
+        assert np.array_equal(found._mask("skin", 2), plain._mask("skin", 2))
+    with pytest.raises(GeometryError, match=r"'Tibia' is not a known segment: .*Skin"):
+        LabelMap.read(file, {"tibia": "Tibia"})
+    with pytest.raises(GeometryError, match="several segments have the number 1, in layers: give their names"):
+        LabelMap.read(file, {"lumen": 1})
+    sitk.WriteImage(slicer(sitk.Image(vein_stack()), [("Skin", 1, 0), ("Soleal vein", 5, 0)]), file)
+    assert LabelMap.read(file).labels == {"skin": 1, "lumen": 5}
+
+
+@pytest.mark.parametrize("text", [
+    "number,name\n1,skin\n5,Peroneal vein\n", "index\tname\n1\tskin\n5\tPeroneal vein\n",
+    '# ITK-SnAP\n 1 255 0 0 1 1 1 "skin"\n 5 0 255 0 1 1 1 "Peroneal vein"\n',
+    "#No. Name R G B A\n1 skin 0 0 0 0\n5 vein 70 130 180 0\n", '{"labels": {"skin": 1, "vein": 5}}',
+    '{"1": "skin", "5": "vein"}',
+])  # fmt: skip
+def test_tables_of_names(tmp_path: Path, text: str) -> None:
+    sitk.WriteImage(vein_stack(), tmp_path / "leg.nii.gz")
+    (tmp_path / "names.txt").write_text(text)
+    assert LabelMap.read(tmp_path / "leg.nii.gz", table=tmp_path / "names.txt").labels == {"skin": 1, "lumen": 5}
+    (tmp_path / "names.txt").write_text("nothing")
+    with pytest.raises(GeometryError, match="names no number: write CSV with the head number,name"):
+        LabelMap.read(tmp_path / "leg.nii.gz", table=tmp_path / "names.txt")
 
 
 def changed(change: Callable[[Any], None]) -> LabelMap:

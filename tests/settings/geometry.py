@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from math import pi
+from math import pi, sqrt
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -24,8 +24,10 @@ from ngfsi_geometry.channel import (
     PlaneMesh,
 )
 from ngfsi_geometry.external import ExternalMesh
+from ngfsi_geometry.from_surface import VesselFromSurface
 from ngfsi_geometry.imaging import LABELS, phantom_stack
 from ngfsi_geometry.labelled import LabelledCalf
+from ngfsi_geometry.loft import StarLoft
 from ngfsi_geometry.lofted import LoftedMesh, LoftedVein
 from ngfsi_geometry.lofted_calf import ANATOMY, LoftedCalf
 from ngfsi_geometry.segment import MeshSettings
@@ -37,6 +39,7 @@ from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
 from tests.settings.physics import BEAM, FINE, SECTION
 from tests.settings.table import Outcome, entry
+from tests.surfaces import LENGTH, RADIUS, tube
 from tests.vein import TISSUE, TUBE, case_of, domain_of, system_of
 
 
@@ -366,7 +369,15 @@ def _first_slice() -> Outcome:
     return True, True
 
 
-@entry("CalfLoft.modes", "CalfLoft.pieces")
+@entry("LoftedCalf.further_lumens", rel=1e-5)
+def _further_lumens() -> Outcome:
+    """Volume of the blood in a second vein."""
+    second = (Outline.circle(-8e-3, -20e-3, 3e-3, 64),) * len(lofted().heights)
+    domain = domain_of(lofted(further_lumens=(second,)))
+    return [domain.volume("fluid"), domain.volume("fluid_2")], 20e-3 * pi * np.array([25e-6, 9e-6])
+
+
+@entry("CalfLoft.modes", "CalfLoft.smoothing")
 def _smoothness_of_a_loft() -> Outcome:
     """A wave of order 5 around, or one that comes and goes along z, is there or smoothed away."""
     t = 2 * pi * np.arange(120) / 120
@@ -379,17 +390,18 @@ def _smoothness_of_a_loft() -> Outcome:
     rest = {name: (getattr(lofted(), name)[0],) * 9 for name in ("tibia", "fibula", "lumen")}
     around = {n: lofted(heights=heights, skin=(skin(0.08),) * 9, modes=n, **rest) for n in (3, 8)}
     wavy = tuple(skin(0.03 * (k % 2)) for k in range(9))
-    along = {n: lofted(heights=heights, skin=wavy, pieces=n, **rest) for n in (1, 9)}
+    along = {mm: lofted(heights=heights, skin=wavy, smoothing=1e-3 * mm, **rest) for mm in (2, 20)}
     middle = np.array([heights[4]])
     smooth = skin(0.0).area
 
-    def area(geometry: LoftedCalf) -> float:
-        return float(geometry._lofts["skin"].areas(middle)[0])
+    def skins(geometry: LoftedCalf) -> StarLoft:
+        return geometry._lofts["skin"]
 
-    return [
-        area(around[3]) / skin(0.08).area > 1.002, area(around[8]) / skin(0.08).area,
-        abs(area(along[9]) / smooth - 1) < 1e-4 < area(along[1]) / smooth - 1,
-    ], [True, pytest.approx(1.0, rel=1e-3), True]  # fmt: skip
+    first = {n: abs(skins(geometry).sections(middle)[0, 0]) for n, geometry in around.items()}
+    errors = {mm: float(skins(geometry).areas(middle)[0]) / smooth - 1 for mm, geometry in along.items()}
+    return [first[8], first[3], abs(errors[2]) < 1e-4 < errors[20]], [
+        pytest.approx(54e-3 * 1.08, rel=5e-3), pytest.approx(54e-3 * sqrt(1 + 0.08**2 / 2), rel=1e-3), True
+    ]  # fmt: skip
 
 
 @cache
@@ -397,7 +409,8 @@ def image() -> tuple[Path, TemporaryDirectory[str]]:
     """Return a label map of circles, with numbers of its own, in a folder that lasts as long as it."""
     folder = TemporaryDirectory()
     calf = lofted()
-    slices = [{name: getattr(calf, name)[0] for name in ANATOMY} for _ in range(8)]
+    second = Outline.circle(-8e-3, -20e-3, 4e-3, 64)
+    slices = [{name: getattr(calf, name)[0] for name in ANATOMY} | {"lumen_3": second} for _ in range(8)]
     labels, _ = phantom_stack(slices, calf.skin[0])
     file = Path(folder.name) / "leg.nii.gz"
     sitk.WriteImage(labels + 10 * sitk.Cast(labels > 0, labels.GetPixelID()), file)
@@ -407,24 +420,36 @@ def image() -> tuple[Path, TemporaryDirectory[str]]:
 NUMBERS = {name: number + 10 for name, number in LABELS.items()}
 
 
-@entry("LabelledCalf.file", "LabelledCalf.labels", "LabelledCalf.vein", "LabelledCalf.first_slice",
-       "LabelledCalf.last_slice", rel=3e-2)  # fmt: skip
+@entry("LabelledCalf.file", "LabelledCalf.labels", "LabelledCalf.vein", "LabelledCalf.further_veins",
+       "LabelledCalf.first_slice", "LabelledCalf.last_slice", rel=3e-2)  # fmt: skip
 def _label_map() -> Outcome:
     """Areas by pixels; the first and last slices taken are the ends."""
     mesh = lofted().mesh
     names = {("lumen_2" if name == "lumen" else name): NUMBERS[name] for name in ANATOMY}
     calf = LabelledCalf(file=str(image()[0]), labels=names, vein="lumen_2", first_slice=1, last_slice=5, mesh=mesh)
-    whole = LabelledCalf(file=str(image()[0]), labels={name: NUMBERS[name] for name in ANATOMY}, mesh=mesh)
-    volumes = calf.exact_volumes()
-    return [volumes["fluid"] / calf.length, whole.length / calf.length], [pi * 25e-6, 7 / 4]
+    labels = {name: NUMBERS[name] for name in (*ANATOMY, "lumen_3")}
+    whole = LabelledCalf(file=str(image()[0]), labels=labels, further_veins=("lumen_3",), mesh=mesh)
+    volumes, second = calf.exact_volumes(), whole.exact_volumes()["fluid_2"]
+    found = [volumes["fluid"] / calf.length, whole.length / calf.length, second / whole.length]
+    return found, [pi * 25e-6, 7 / 4, pi * 16e-6]
 
 
-@entry("LabelledCalf.sha256", "ExternalMesh.sha256")
+@entry("LabelledCalf.label_table", rel=3e-2)
+def _names_of_numbers() -> Outcome:
+    """Labels by name, from a table."""
+    table = image()[0].parent / "names.csv"
+    table.write_text("number,name\n" + "".join(f"{NUMBERS[name]},{name}\n" for name in ANATOMY))
+    calf = LabelledCalf(file=str(image()[0]), label_table=str(table), mesh=lofted().mesh)
+    return calf.exact_volumes()["fluid"] / calf.length, pi * 25e-6
+
+
+@entry("LabelledCalf.sha256", "ExternalMesh.sha256", "VesselFromSurface.sha256")
 def _content() -> Outcome:
     """A file with another content is refused."""
-    for geometry in (LabelledCalf, ExternalMesh):
+    for geometry, file in ((LabelledCalf, image()[0]), (ExternalMesh, own_mesh()[0]),
+                           (VesselFromSurface, lumen_surface()[0])):  # fmt: skip
         with pytest.raises(NgfsiError, match="it has changed"):
-            _ = geometry(file=str(image()[0] if geometry is LabelledCalf else own_mesh()[0]), sha256="0" * 64).vessels
+            _ = geometry(file=str(file), sha256="0" * 64).vessels
     return True, True
 
 
@@ -448,6 +473,39 @@ def _smooth() -> Outcome:
         ExternalMesh(**given, smooth=("wall",))
     domain = Domain.build(ExternalMesh(**given, smooth=("skin",)), cache=False)
     return [domain.geometry.curving_order, domain.volume("tissue") > (1 / 6 + 1 / 3) * 1e-9], [2, True]
+
+
+@cache
+def lumen_surface() -> tuple[Path, TemporaryDirectory[str]]:
+    """Return a file with the surface of a tube, in a folder that lasts as long as it."""
+    folder = TemporaryDirectory()
+    return tube(Path(folder.name) / "tube.vtp", capped=False), folder
+
+
+@entry("VesselFromSurface.file", "VesselFromSurface.unit", "VesselFromSurface.wall_thickness",
+       "VesselFromSurface.tissue_thickness", "VesselFromSurface.names", rel=3e-3)  # fmt: skip
+def _vessel_from_a_surface() -> Outcome:
+    """Volumes between cylinders; the ends change their names."""
+    given = {"file": str(lumen_surface()[0]), "names": {"inlet": "outlet", "outlet": "inlet"}}
+    sizes = {"wall_thickness": 1e-3, "tissue_thickness": 6e-3}
+    plain, large = VesselFromSurface(**given, **sizes), VesselFromSurface(file=given["file"], unit="cm")
+    inner, outer = RADIUS + 1, RADIUS + 7
+    found = [*plain.exact_volumes().values(), large.exact_volumes()["fluid"]]
+    ways = [geometry._centre("outlet")[2] - geometry._centre("inlet")[2] for geometry in (plain, large)]
+    areas = np.array([RADIUS**2, inner**2 - RADIUS**2, outer**2 - inner**2, 1e3 * RADIUS**2])
+    assert ways[0] * ways[1] < 0
+    return found, pi * LENGTH * areas * 1e-9
+
+
+@entry("VesselFromSurface.wall_layers", "VesselFromSurface.tissue_layers", "VesselFromSurface.flow_layers",
+       "VesselFromSurface.flow_thickness")  # fmt: skip
+def _layers_along_a_surface() -> Outcome:
+    """Distances of their borders from the surface, over the radius of the ends."""
+    geometry = VesselFromSurface(file=str(lumen_surface()[0]), wall_thickness=1e-3, tissue_thickness=6e-3,
+                                 wall_layers=2, tissue_layers=3, flow_layers=4, flow_thickness=0.2)  # fmt: skip
+    away = 1e3 * np.linalg.norm(geometry._borders[:, 20, :2], axis=1) - RADIUS
+    inner = -1e3 * geometry._smallest * np.array([0.2, 0.15, 0.1, 0.05])
+    return away, np.array([*inner, 0, 0.5, 1, 3, 5, 7])
 
 
 @entry("ExternalMesh.file", "ExternalMesh.groups", "ExternalMesh.names", "ExternalMesh.unit")
