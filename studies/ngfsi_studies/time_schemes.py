@@ -46,7 +46,7 @@ LEVELS = {
     "demo": Level(
         compare_tissues.COARSE, 0.2,
         {"bdf2": (0.02, 0.01, 0.005, 0.0025, 0.00125), "esdirk3": (0.02, 0.01, 0.005), "sdirk4": (0.02, 0.01, 0.005)},
-        {"esdirk3": (1e-2, 1e-3)}, 0.002,
+        {"esdirk3": (0.3, 0.1, 0.03)}, 0.002,
     ),
     "paper": Level(
         compare_tissues.LEVELS["demo"], 0.2, {"bdf2": (0.01, 0.005, 0.0025), "esdirk3": (0.02, 0.01, 0.005)},
@@ -213,5 +213,6 @@ def draw(results: Sequence[Result], folder: Path) -> None:
             for curve in dict.fromkeys(one.curve for one in results):
                 of = [one for one in results if (one.shape, one.curve) == (shape, curve)]
                 errors = [getattr(one, f"{name}_error") for one in of]
-                panels.setdefault(f"{shape} rise", []).append(Line(curve, [one.iterations for one in of], errors))
+                if of:
+                    panels.setdefault(f"{shape} rise", []).append(Line(curve, [one.iterations for one in of], errors))
         lines(panels, (Shown("iterations", "1"), Shown(label, "1")), folder / f"{name}.png", log=(True, True))
