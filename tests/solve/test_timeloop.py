@@ -370,6 +370,24 @@ def test_a_free_scheme_goes_on_as_if_never_stopped(tmp_path: Path) -> None:
         assert found == wanted[stopped_after:]
 
 
+@pytest.mark.parametrize(("scheme", "uses"), [("esdirk3", True), ("sdirk4", False)])
+def test_after_a_kink_the_acceleration_before_it_has_no_influence(scheme: str, uses: bool) -> None:
+    """It is that of the other side; the explicit stage of esdirk3 uses it elsewhere."""
+
+    def end(smooth: int, acceleration: float) -> float:
+        case = case_of(**{"time.step": 0.1, "time.end": 0.2, "loads.skin_pressure": RAMP, "time.scheme": scheme})
+        system = Scalar(case)
+        zero = np.zeros(1)
+        history = History(
+            [0.1, 0.0], [zero, zero], [zero, zero], smooth, accelerations=[np.array([acceleration]), zero]
+        )
+        next(TimeLoop(case, system, Fake(system, never), history=history).run())  # type: ignore[arg-type]
+        return float(system.values[0])
+
+    assert end(0, 1e3) == end(0, 0.0)
+    assert (end(1, 1e3) != end(1, 0.0)) == uses
+
+
 def test_stages_share_one_matrix_and_models_see_the_time_since_the_last_state() -> None:
     for scheme, places in (("esdirk3", (0.871733, 0.6, 1.0)), ("sdirk4", (0.25, 0.75, 0.55, 0.5, 1.0))):
         system = run(0.1, RAMP, scheme, end=0.3).system
