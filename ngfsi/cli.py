@@ -87,11 +87,15 @@ def run(
     quiet: Quiet = False,
     max_wall: MaxWall = None,
     changes: Changes = None,
+    error: Annotated[bool, typer.Option("--error", help="Estimate the error from space and time.")] = False,
     _: Plugin = None,
 ) -> None:
     """Compute a case.
 
     The results go to runs/<name of the case>.
+
+    With --error two more runs, with elements of one order less and with steps of double size, tell the error of loss
+    and wall shear stress: errors.csv.
 
     Keys of --set are those of the case file, with their units.
 
@@ -106,7 +110,12 @@ def run(
         _say(f"warning: {sentence}")
     folder = output or Path("runs") / chosen.name
     with _interruptible(folder):
-        compute(chosen, folder, quiet=quiet, max_wall=max_wall)
+        found = compute(chosen, folder, quiet=quiet, max_wall=max_wall)
+        if error:
+            from ngfsi.run.estimate import estimate, told
+
+            for row in estimate(found, quiet=quiet):
+                typer.echo(told(row))
     _point_to(folder, quiet)
 
 

@@ -177,8 +177,9 @@ MOST_STEPS = 1_000_000
 class TimeStepping(ConfigModel):
     """Time scheme and steps."""
 
-    scheme: Literal["bdf2", "backward_euler", "static"] = "bdf2"
-    """static: at each time the steady state under its loads, all rates zero."""
+    scheme: Literal["bdf2", "backward_euler", "static", "esdirk3", "sdirk4"] = "bdf2"
+    """esdirk3, sdirk4: diagonally implicit Runge-Kutta schemes of third and fourth order, in 3 and 5 stages; static: at
+    each time the steady state under its loads, all rates zero."""
     step: Time = Field(gt=0)
     end: Time = Field(gt=0)
     smallest_step: Time = Field(default_factory=lambda given: given["step"] / 64, gt=0)
@@ -198,8 +199,8 @@ class TimeStepping(ConfigModel):
             raise ValueError(f"the step of {self.step:g} s is longer than the run, which ends at {self.end:g} s")
         if self.end > MOST_STEPS * self.step:
             raise ValueError(f"steps of {self.step:g} s up to {self.end:g} s would be more than {MOST_STEPS:,}")
-        if self.error_tolerance is not None and self.scheme != "bdf2":
-            raise ValueError("error_tolerance needs the scheme 'bdf2', whose error is estimated")
+        if self.error_tolerance is not None and self.scheme in ("backward_euler", "static"):
+            raise ValueError("error_tolerance needs 'bdf2', 'esdirk3' or 'sdirk4', whose errors are estimated")
         if self.smallest_step > self.step:
             raise ValueError(f"the smallest step of {self.smallest_step:g} s exceeds the step of {self.step:g} s")
         return self

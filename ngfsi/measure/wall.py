@@ -25,6 +25,7 @@ from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, VELOCITY
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics
+from ngfsi.system.sparse import csr
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import same_functions
 
@@ -193,18 +194,23 @@ class Projection:
         self._stretch, self._ds = stretch, ds
         mesh, order = system.domain.mesh, system.unknowns.order
         self.space = ng.VectorH1(mesh, order=order)
-        scalar = ng.H1(mesh, order=order)
-        self._size = scalar.ndof
+        wall = system.domain.boundaries(vessel.interface)
+        whole, scalar = ng.H1(mesh, order=order), ng.H1(mesh, order=order, definedon=wall)
         trial, test = scalar.TnT()
         self._mass = ng.BilinearForm(scalar, check_unused=False)
         self._mass += stretch * trial * test * ds
-        self._there = scalar.GetDofs(system.domain.boundaries(vessel.interface))
-        self._inverse: Any = None
+        same = {here: there for face in wall.Elements()
+                for here, there in zip(scalar.GetDofNrs(face), whole.GetDofNrs(face), strict=True)}  # fmt: skip
+        self._there = np.array(list(same))
+        self._places = np.array(list(same.values())) + whole.ndof * np.arange(3)[:, None]
+        self._factors: Any = None
 
     def refresh(self) -> None:
         """Take the present shape of the wall."""
+        from scipy.sparse.linalg import splu  # takes long to import
+
         self._mass.Assemble()
-        self._inverse = self._mass.mat.Inverse(self._there, inverse="sparsecholesky")
+        self._factors = splu(csr(self._mass.mat)[self._there][:, self._there].tocsc())
 
     def work_of(self, field: Any) -> ng.LinearForm:
         """Return the work of a vector field on the interface, to be assembled and solved for its projection."""
@@ -214,12 +220,7 @@ class Projection:
 
     def solve(self, work: Array, result: Any) -> None:
         """Write the field that does the work (N/m, one value per function) on each function of the space."""
-        load, part = self._mass.mat.CreateColVector(), self._mass.mat.CreateRowVector()
-        for component in range(3):
-            rows = slice(component * self._size, (component + 1) * self._size)
-            load.FV().NumPy()[:] = work[rows]
-            part.data = self._inverse * load
-            result.vec.FV().NumPy()[rows] = part.FV().NumPy()
+        result.vec.FV().NumPy()[self._places] = self._factors.solve(work[self._places].T).T
 
 
 class Traction:

@@ -193,7 +193,7 @@ class Computation:
             for observer in observers:
                 observer.restore_state(part_of(self.start.arrays, observer.name))
             loop.restore(self.start.arrays)
-        self._time = self._checkpoint_time = loop.history.times[0]
+        self._time = self._checkpoint_time = loop.time
         for damage in self.start.damaged:
             self.folder.log(f"a checkpoint was passed over: {damage}")
         self.folder.log(f"resumed from t = {self._time:.6g} s")
@@ -208,9 +208,10 @@ class Computation:
                 with self.watch("steps"):
                     step = next(steps, None)
             except SolverError:
+                reached = loop.history.times[0]
                 for observer in observers:  # the last good state, to see what happened
-                    if not observer.looked_at(self._time):
-                        observer.look(self._time, None)
+                    if not observer.looked_at(reached):
+                        observer.look(reached, None)
                 raise
             if step is None:
                 return

@@ -32,6 +32,8 @@ def silent(_line: str) -> None:
 def initial_state(system: System, newton: Newton, say: Say = silent) -> int:
     """Bring the system to its steady state under the loads of t = 0; return the number of factorisations.
 
+    Where nothing acts at t = 0 that is the given shape, and there is nothing to solve.
+
     preload: the reference shape is free of stress, and the blood inflates it.
     prestress: the reference shape carries the loads already; steady flow in it, then the stress-free shape that the
     same loads deform into it.
@@ -40,6 +42,11 @@ def initial_state(system: System, newton: Newton, say: Say = silent) -> int:
         SolverError: the solids cannot carry the loads; says up to which fraction of them.
     """
     system.set_steady()
+    system.update(0.0)
+    system.prescribe()
+    if system.is_at_rest():
+        say("nothing acts at t = 0: all is at rest in the given shape")
+        return 0
     blood, solids = bool(system.domain.lumens), bool(system.solids)
     if solids and system.case.conditions.initial_state == "prestress":
         count = 0

@@ -62,6 +62,11 @@ class Solution:
     linear_iterations: int = 0
     changes: dict[str, float] = field(default_factory=dict)
 
+    def __add__(self, other: Solution) -> Solution:
+        """Return what both took, with the changes of the other, which was later."""
+        return Solution(self.iterations + other.iterations, self.factorisations + other.factorisations,
+                        self.linear_iterations + other.linear_iterations, other.changes)  # fmt: skip
+
 
 class Mixing:
     """Anderson's mixing of the iterates x with steps g, measured in the scale of each unknown.

@@ -39,6 +39,8 @@ cof(F) : grad u. It is free on hexahedra of order 2, and the balance closes to 1
 rounding, but doubles the cost of the Jacobian and changes the mean wall shear by 6e-4."""
 SLOWEST = 0.01
 """Flow by which changes of the velocity are judged at least while the solids move, over the blood's volume (1/s)."""
+ROUNDING = 1e-13
+"""Forces below this fraction of modulus times size squared are rounding: those of a nanopascal on the skin."""
 
 
 def second_rate(new: Any, state: Any, velocity_history: Any, acceleration_history: Any) -> Any:
@@ -106,15 +108,19 @@ class System:
         self._last_sent: dict[str, Array] = {}
 
     def _setup(self, references: Mapping[str, Any]) -> Setup:
-        laws = (self.case.materials.law_of(name) for name in self.domain.geometry.solids)
         return Setup(
             domain=self.domain, unknowns=self.unknowns, trial=self._trial, test=self._test,
             state=self.named(self.state), velocity_history=self.named(self.velocity_history), fields=self.fields,
             new_weight=self.new_weight, blood_density=self.blood_density, references=references,
             fluid=self.case.materials.fluid, densities={name: one.density for name, one in self.solids.items()},
-            stiffness=max((law.shear_modulus or 0.0 for law in laws), default=1.0),
+            stiffness=self._stiffness(),
             small=self._small, leads=self.ranks.leads,
         )  # fmt: skip
+
+    def _stiffness(self) -> float:
+        """Return the largest shear modulus of the solids (Pa)."""
+        laws = (self.case.materials.law_of(name) for name in self.domain.geometry.solids)
+        return max((law.shear_modulus or 0.0 for law in laws), default=1.0)
 
     def _model(self, region: str) -> SolidModel:
         law = self.case.materials.law_of(region)
@@ -363,6 +369,12 @@ class System:
                 values = self.apply()
         values[:] = self.unknowns.arranged(values)
         return self._residual
+
+    def is_at_rest(self) -> bool:
+        """Whether nothing moves and nothing acts, but for rounding of the stresses in the given shape."""
+        forces = np.asarray(self.residual().FV().NumPy())[self.unknowns.solvable]
+        rounding = ROUNDING * self._stiffness() * self.domain.geometry.size**2 if self.solids else 0.0
+        return not np.any(self.values) and float(np.max(np.abs(forces), initial=0.0)) <= rounding
 
     def apply(self) -> Array:
         """Evaluate the residual of the weak form at the present state, each rank its part, and return it."""

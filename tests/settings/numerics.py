@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import ngsolve as ng
+import numpy as np
 import pytest
 
 from ngfsi.config import functions as curves
@@ -102,11 +103,11 @@ def _steps() -> Outcome:
 
 @entry("TimeStepping.scheme", rel=1e-12)
 def _scheme() -> Outcome:
-    """Weight of the new state in its rate: 1/h, 3/(2 h) from the second step on, 0 at rest."""
-    weights = [
-        steps_of(**{"time.scheme": scheme})[0].new_weight.Get() for scheme in ("backward_euler", "bdf2", "static")
-    ]
-    return weights, [10.0, 15.0, 0.0]
+    """Weight of the new state in its rate: 1/h, 3/(2 h) from the second step on, 0 at rest; in stages 1/(gamma h), with
+    the middle root of g^3 - 3 g^2 + 3/2 g = 1/6, and 1/4."""
+    schemes = ("backward_euler", "bdf2", "static", "esdirk3", "sdirk4")
+    weights = [steps_of(**{"time.scheme": scheme})[0].new_weight.Get() for scheme in schemes]
+    return weights, [10.0, 15.0, 0.0, 10 / sorted(np.roots([1.0, -3.0, 1.5, -1 / 6]))[1], 40.0]
 
 
 @entry("TimeStepping.smallest_step")

@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ngfsi.config.functions import FlowConstant, PressureConstant
+from ngfsi.linear.backends import choose_backend
 from ngfsi.physics import terms
+from ngfsi.solve.initial import initial_state
+from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import BLOCKS
 from tests.slopes import apply, difference
@@ -129,3 +133,21 @@ def test_integration_converges_with_its_order() -> None:
             missing = np.linalg.norm(block(system, name, forces[extra]) - exact) / np.linalg.norm(exact)
             assert missing < bound, (name, extra)
         assert np.linalg.norm(block(system, name, forces[0]) - exact) > bounds[0] / 5 * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("kind", ["preload", "prestress"])
+def test_where_nothing_acts_at_the_start_nothing_is_solved(kind: str) -> None:
+    """The first thousandth of a pascal is noticed, and so is the least flow."""
+    none = PressureConstant(value=0.0)
+    nothing = {"loads.inlet_flow": FlowConstant(value=0.0), "loads.outlet_pressure": none,
+               "loads.skin_pressure": none, "conditions.initial_state": kind}  # fmt: skip
+    little = PressureConstant(value=1e-3)
+    for change, rests in (
+        ({}, True),
+        ({"loads.inlet_flow": FlowConstant(value=1e-15)}, False),
+        ({"loads.outlet_pressure": little}, False),
+        ({"loads.skin_pressure": little}, False),
+    ):
+        system = system_of(case_of(**{**nothing, **change}))
+        assert (initial_state(system, Newton(system, choose_backend("auto"))) == 0) == rests
+        assert np.any(system.values) == (not rests) or kind == "prestress"

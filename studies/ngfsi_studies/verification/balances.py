@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import ngsolve as ng
 import numpy as np
 from ngfsi_geometry.segment import MeshSettings
 from ngfsi_geometry.tube import TubeSegment
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from ngfsi.case import TimeStepping
 from ngfsi.config.functions import FlowConstant, PressureRamp
@@ -21,6 +23,7 @@ from ngfsi.physics.kinematics import Kinematics
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import TimeLoop
+from ngfsi.system.schemes import STAGES
 from ngfsi.system.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 from ngfsi_studies.verification.tube import system
@@ -97,22 +100,32 @@ def compute(setting: Setting) -> Values:
     moving, loop = MovingMesh(found), TimeLoop(found.case, found, newton)
     for step in loop.run():
         rows.append(_row(step.time, energy, probe))
-        of_mesh.append(moving.power(step.size, loop.history.states))
+        if setting["scheme"] not in STAGES:
+            of_mesh.append(moving.power(step.size, loop.history.states))
     times, stored, kinetic, heat, skin, others, rate_of_scheme, excess, volume, rate = np.array(rows).T
     total = stored + kinetic
-    work = float(np.trapezoid(skin, times))
-    lacking = total[-1] - total[0] - np.trapezoid(skin + others - heat, times)
+    integral: Any = _by_spline if setting["scheme"] in STAGES else np.trapezoid
+    work = float(integral(skin, times))
+    lacking = total[-1] - total[0] - integral(skin + others - heat, times)
     at_once = rate_of_scheme - (skin + others - heat + excess)
-    of_scheme = total[-1] - total[0] - np.trapezoid(rate_of_scheme, times)
+    of_scheme = total[-1] - total[0] - integral(rate_of_scheme, times)
+    found_of_mesh = {} if len(of_mesh) < len(times) else {
+        "energy: fraction of the moving mesh in that": abs(float(integral(of_mesh, times))) / work
+    }  # fmt: skip
     return {
         "power lacking at an instant, over the skin's": float(np.abs(at_once).max() / skin.max()),
-        "energy: rest of div u over work of the skin": abs(float(np.trapezoid(excess, times))) / work,
+        "energy: rest of div u over work of the skin": abs(float(integral(excess, times))) / work,
         "energy: rest of the time scheme over work of the skin": abs(float(of_scheme)) / work,
-        "energy: fraction of the moving mesh in that": abs(float(np.trapezoid(of_mesh, times))) / work,
+        **found_of_mesh,
         "energy: rest over work of the skin": abs(float(lacking)) / work,
         "energy at rest: power in over dissipation": float(others[0] / heat[0]),
-        "volume: rest over loss": abs((volume[-1] - volume[0]) / np.trapezoid(rate, times) - 1),
+        "volume: rest over loss": abs((volume[-1] - volume[0]) / integral(rate, times) - 1),
     }
+
+
+def _by_spline(values: Any, times: Any) -> float:
+    """Return an integral over time with an error of fourth order, below that of schemes in stages."""
+    return float(CubicSpline(times, values).integrate(times[0], times[-1]))
 
 
 def _row(time: float, energy: Energy, probe: VesselProbe) -> list[float]:
@@ -141,13 +154,15 @@ CASE = Benchmark(
     "heat, powers of the skin's pressure and of the tractions at inlet and outlet, kinetic energy carried through them",
     exact="nothing is left at any instant but what convection makes of div u, which is zero only on average and falls "
     "with the size of the elements (the power lacking at an instant is the error of quadrature); over the run, the "
-    "error of the time scheme and of the sum over the steps (trapezoidal rule), which falls with its order, as does "
-    "its part in the moving mesh, whose volumes change by differences; at rest, heat is the power of the flow",
+    "error of the time scheme and of the sum over the steps (trapezoidal rule, with schemes in stages a cubic spline), "
+    "which falls with its order, as does its part in the moving mesh, whose volumes change by differences; at rest, "
+    "heat is the power of the flow. Stiff solids and the pressure's constraint reduce the order of the rates of "
+    "schemes in stages, to that of a stage plus one: 3 and 2",
     compute=compute,
 )
 STEPS: dict[str, dict[str, tuple[float, ...]]] = {
-    "ci": {"bdf2": (0.01, 0.005)},
-    "full": dict.fromkeys(("bdf2", "backward_euler"), (0.02, 0.01, 0.005, 0.0025)),
+    "ci": {"bdf2": (0.01, 0.005), "esdirk3": (0.04, 0.02)},
+    "full": dict.fromkeys(("bdf2", "backward_euler", "esdirk3", "sdirk4"), (0.02, 0.01, 0.005, 0.0025)),
 }
 LEVELS = {
     level: {
@@ -157,16 +172,16 @@ LEVELS = {
     for level, schemes in STEPS.items()
 }
 LEVELS["full"]["elements"] = tuple({"scheme": "bdf2", "size": h, "step": 0.05, "h": h} for h in (1.0, 0.5))
-BALANCE, ORDERS = "balance", {"bdf2": 2.0, "backward_euler": 1.0}
+BALANCE, ORDERS = "balance", {"bdf2": 2.0, "backward_euler": 1.0, "esdirk3": 2.7, "sdirk4": 2.5}
 NOTHING = dict.fromkeys(ORDERS, 0.0)
 MOVING = {"bdf2": 1e-6, "backward_euler": 1e-4}
-ALLOWED = {"bdf2": 1e-2, "backward_euler": 0.1}
+ALLOWED = {"bdf2": 1e-2, "backward_euler": 0.1, "esdirk3": 1.2e-2, "sdirk4": 1e-2}
 REFERENCES = (
     Reference("power lacking at an instant, over the skin's", 0.0, "1", 1e-5, BALANCE),
     Reference("energy: rest of div u over work of the skin", NOTHING, "1", 1e-4, BALANCE),
     Reference("energy: rest of div u over work of the skin", {"elements": 0.0}, "1", 1e-4, BALANCE, 2.0),
     Reference("energy: rest of the time scheme over work of the skin", NOTHING, "1", ALLOWED, BALANCE, ORDERS),
-    Reference("energy: fraction of the moving mesh in that", NOTHING, "1", MOVING, BALANCE, ORDERS),
+    Reference("energy: fraction of the moving mesh in that", dict.fromkeys(MOVING, 0.0), "1", MOVING, BALANCE, ORDERS),
     Reference("energy: rest over work of the skin", NOTHING, "1", ALLOWED, BALANCE, ORDERS),
     Reference("energy at rest: power in over dissipation", 1.0, "1", 1e-3, BALANCE),
     Reference("volume: rest over loss", NOTHING, "1", ALLOWED, BALANCE, ORDERS),
