@@ -20,7 +20,7 @@ from ngfsi import registry
 from ngfsi.case import Conditions, Materials
 from ngfsi.conditions import Condition, ConditionModel, ContactModel, Cuff, PressureOn
 from ngfsi.config import functions as curves
-from ngfsi.materials import MooneyRivlin, NeoHookean, SaintVenantKirchhoff
+from ngfsi.materials import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, load_set
 from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
@@ -217,6 +217,42 @@ def _viscosity() -> Outcome:
         probe.refresh()
         means.append(row(probe)["sawss_Pa"])
     return means[1], 2 * means[0]
+
+
+def viscosity(set_: str, **changes: float) -> float:
+    """Return the viscosity (mPa s) of a case's blood at 2 1/s."""
+    fluid = case_of(TUBE, **{"materials.fluid": load_set(set_, **changes)}).materials.fluid
+    assert fluid is not None
+    return 1e3 * float(fluid.viscosity_at(2.0))
+
+
+@entry("Plateaus.viscosity_at_rest", "Plateaus.viscosity_at_high_shear", "CarreauYasuda.time_constant",
+       "CarreauYasuda.a", "CarreauYasuda.n", rel=1e-6)  # fmt: skip
+def _carreau_yasuda() -> Outcome:
+    given: dict[str, float] = {
+        "viscosity_at_rest": 40e-3, "viscosity_at_high_shear": 4e-3, "time_constant": 3.0, "a": 1.5, "n": 0.3
+    }  # fmt: skip
+    return viscosity("blood_carreau", **given), 4 + 36 * (1 + 6**1.5) ** (-0.7 / 1.5)
+
+
+@entry("Cross.time_constant", "Cross.m", rel=1e-6)
+def _cross() -> Outcome:
+    given: dict[str, float] = {"viscosity_at_rest": 40e-3, "viscosity_at_high_shear": 4e-3, "time_constant": 3.0}
+    return viscosity("blood_cross", **given, m=0.8), 4 + 36 / (1 + 6**0.8)
+
+
+@entry("Casson.yield_stress", "Casson.viscosity_at_high_shear", "Yielding.regularisation", rel=1e-6)
+def _casson() -> Outcome:
+    found = viscosity("blood_casson", yield_stress=9e-3, viscosity_at_high_shear=4e-3, regularisation=1.5)
+    return found, (2 + (9 / 2.5) ** 0.5) ** 2
+
+
+@entry("Quemada.viscosity_of_plasma", "Quemada.haematocrit", "Quemada.k_rest", "Quemada.k_high_shear",
+       "Quemada.critical_shear_rate", rel=1e-6)  # fmt: skip
+def _quemada() -> Outcome:
+    found = viscosity("blood_quemada", viscosity_of_plasma=1.3e-3, haematocrit=0.4, k_rest=4.0, k_high_shear=1.5,
+                      critical_shear_rate=0.5, regularisation=1e-4)  # fmt: skip
+    return found, 1.3 / (1 - 0.2 * (4 + 1.5 * 2) / 3) ** 2
 
 
 @entry("Materials.tissue", "Materials.wall", rel=1e-7)
