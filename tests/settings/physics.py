@@ -20,7 +20,7 @@ from ngfsi import registry
 from ngfsi.case import Conditions, Materials
 from ngfsi.conditions import Condition, ConditionModel, ContactModel, Cuff, PressureOn
 from ngfsi.config import functions as curves
-from ngfsi.materials import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, load_set
+from ngfsi.materials import MooneyRivlin, NeoHookean, Ogden, SaintVenantKirchhoff, load_set
 from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
@@ -155,6 +155,17 @@ def _neo_hookean_shear() -> Outcome:
 def _neo_hookean_bulk() -> Outcome:
     more = [np.trace(stress(N.replace(**change)) - stress(N)) for change in ({"Kv": 60e3}, {"volumetric": "K=2Kv"})]
     return more, [np.trace(stress(N))] * 2
+
+
+@entry("Ogden.mu", "Ogden.alpha", "Ogden.K", rel=1e-6)
+def _ogden() -> Outcome:
+    """By the eigenvalues of B, J sigma = sum 2 mu/alpha dev(b^(alpha/2)) + K/2 (J^2 - 1)."""
+    values, vectors = np.linalg.eigh(B * J ** (-2 / 3))
+    terms = [
+        2 * mu / a * deviator(vectors @ np.diag(values ** (a / 2)) @ vectors.T) for mu, a in ((7e3, 3.0), (2e3, -2.0))
+    ]
+    law = Ogden(mu=(7e3, 2e3), alpha=(3.0, -2.0), K=28e3, density=1060.0)
+    return stress(law), (sum(terms) + 14e3 * (J**2 - 1) * np.eye(3)) / J
 
 
 @entry("LinearAtRest.young", rel=1e-7)
