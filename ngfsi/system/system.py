@@ -121,7 +121,7 @@ class System:
         if self._small:
             return SmallStrain(law)
         F = in_3d(self.deformation_gradient(), 1.0)
-        return law.bind(Place(self.domain.mesh, region, self.unknowns.order, F, self.step))
+        return law.bind(Place(self.domain, region, self.unknowns.order, F, self.step))
 
     def named(self, field: GridFunction) -> dict[str, Any]:
         """Return the components of a grid function of all unknowns by name of the field."""

@@ -21,6 +21,10 @@ from ngfsi.case import Conditions, Materials
 from ngfsi.conditions import Condition, ConditionModel, ContactModel, Cuff, PressureOn
 from ngfsi.config import functions as curves
 from ngfsi.materials import MooneyRivlin, NeoHookean, Ogden, SaintVenantKirchhoff, load_set
+from ngfsi.materials.solid.blemker import Blemker
+from ngfsi.materials.solid.directions import ConstantDirection
+from ngfsi.materials.solid.holzapfel_gasser_ogden import HolzapfelGasserOgden
+from ngfsi.materials.solid.humphrey_yin import HumphreyYin
 from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
@@ -166,6 +170,67 @@ def _ogden() -> Outcome:
     ]
     law = Ogden(mu=(7e3, 2e3), alpha=(3.0, -2.0), K=28e3, density=1060.0)
     return stress(law), (sum(terms) + 14e3 * (J**2 - 1) * np.eye(3)) / J
+
+
+FIBRES = (ConstantDirection(vector=(1.0, 0.0, 0.0)),)
+
+
+def pull(law: Any, **changes: Any) -> np.ndarray:
+    """Return by how much a change moves the deviator of the stress; B a a B and the like are that of fibres along x."""
+    return np.asarray(deviator(stress(law.replace(**changes)) - stress(law)))
+
+
+A = J ** (-1 / 3) * F[:, 0]
+I4 = float(A @ A)
+AA = 2 / J * deviator(np.outer(A, A))
+
+
+@entry("FibreLaw.K", "FibreLaw.fibres", "HolzapfelGasserOgden.c", "HolzapfelGasserOgden.k1", "HolzapfelGasserOgden.k2",
+       "HolzapfelGasserOgden.kappa", rel=1e-6)  # fmt: skip
+def _holzapfel_gasser_ogden() -> Outcome:
+    law = HolzapfelGasserOgden(fibres=FIBRES, K=30e3, c=9e3, k1=7e3, k2=2.0, kappa=0.1, density=1060.0)
+    strain = 0.1 * (I1 - 3) + 0.7 * (I4 - 1)
+    fibre = 7e3 * strain * np.exp(2.0 * strain**2)
+    exact = 4.5e3 * DEV_1 + fibre * (0.1 * DEV_1 + 0.7 * AA) + 15e3 * (J - 1 / J) * np.eye(3)
+    return stress(law), exact
+
+
+@entry("Direction.kind")
+def _kinds_of_directions() -> Outcome:
+    """Along z, by a constant and by the axis."""
+    given = [{"kind": "constant", "vector": [0.0, 0.0, 3.0]}, {"kind": "around", "angle_deg": 90}]
+    law = {"law": "holzapfel_gasser_ogden", "c_kPa": 9, "k1_kPa": 7, "k2": 2.3, "K_kPa": 80, "density_kg_m3": 1060}
+    system = system_of(case_of(TUBE, **{"materials.wall": {**law, "fibres": given}}))
+    model: Any = system.solids["wall"]
+    found = [system.domain.value(one, TUBE.lumen_radius + 1e-3, 1e-4, 5e-3) for one in model.directions]
+    return np.abs(np.array(found)) + 1, np.array([[1.0, 1.0, 2.0]] * 2)
+
+
+@entry("HumphreyYin.c1", "HumphreyYin.c2", "HumphreyYin.c3", "HumphreyYin.c4", "HumphreyYin.c5", rel=1e-6)
+def _humphrey_yin() -> Outcome:
+    law = HumphreyYin(fibres=FIBRES, K=30e3, c1=8e3, c2=20e3, c3=3e3, c4=-4e3, c5=9e3, density=1060.0)
+    fibre = I4**0.5 - 1
+    along = (16e3 * fibre + 60e3 * fibre**2 - 4e3 * (I1 - 3)) / (2 * I4**0.5)
+    return deviator(stress(law)), (3e3 - 4e3 * fibre + 18e3 * (I1 - 3)) * DEV_1 + along * AA
+
+
+@entry("Blemker.G1", "Blemker.G2", "Blemker.P1", "Blemker.P2", "Blemker.peak_stress", "Blemker.straight_stretch",
+       "Blemker.optimal_stretch", rel=1e-6)  # fmt: skip
+def _blemker() -> Outcome:
+    """Stress of the fibres by hand, below and beyond where they are straight; and that of shear is in proportion to the
+    moduli."""
+    law = Blemker(fibres=FIBRES, K=30e3, G1=5e3, G2=3e3, P1=0.0, P2=6.0, peak_stress=300e3, straight_stretch=1.05,
+                  optimal_stretch=0.95, density=1060.0)  # fmt: skip
+    x = I4**0.5 / 0.95
+    assert x > 1.05
+    grown, pulls = np.exp(6.0 * 0.05), []
+    for end in (1.05, 2.0):
+        curved = 0.04 * (np.exp(6.0 * (x - 1)) - 1)
+        pulls.append(curved if end == 2.0 else 0.04 * (grown - 1) + 0.04 * 6.0 * grown * (x - 1.05))
+    found = [pull(law.replace(straight_stretch=end), P1=0.04) for end in (1.05, 2.0)]
+    shear = [deviator(stress(law.replace(G1=g1, G2=g2))) for g1, g2 in ((5e3, 3e3), (5e3, 6e3), (10e3, 6e3))]
+    wanted = [300e3 * one / (0.95 * 2 * I4**0.5) * AA for one in pulls]
+    return np.array([*found, shear[2]]), np.array([*wanted, 2 * shear[0]])
 
 
 @entry("LinearAtRest.young", rel=1e-7)
