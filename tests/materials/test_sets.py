@@ -38,7 +38,7 @@ THINNING = {"blood_carreau", "blood_carreau_yasuda", "blood_carreau_yasuda_boyd"
 
 
 def test_nothing_ships_unchecked() -> None:
-    others = {"vein_wall", "vein_wall_source", "blood", "muscle_blemker", *THINNING}
+    others = {"vein_wall", "vein_wall_source", "loose_connective_tissue", "blood", "muscle_blemker", *THINNING}
     assert set(available_sets()) == {*MOONEY_RIVLIN, *NEO_HOOKEAN, *others}
 
 
