@@ -71,6 +71,7 @@ UNITS: dict[str, Unit] = {
     "g_cm3": Unit("density", 1e3),
     "Pa_s": Unit("viscosity", 1.0),
     "mPa_s": Unit("viscosity", 1e-3),
+    "1_s": Unit("shear_rate", 1.0),
     "Pa_s_m3": Unit("resistance", 1.0),
     "Pa_s_ml": Unit("resistance", 1e6),
     "mmHg_s_ml": Unit("resistance", MMHG * 1e6),
@@ -106,6 +107,7 @@ FlowRate = Annotated[float, Dimension("flow_rate")]
 Pressure = Annotated[float, Dimension("pressure")]
 Density = Annotated[float, Dimension("density")]
 Viscosity = Annotated[float, Dimension("viscosity")]
+ShearRate = Annotated[float, Dimension("shear_rate")]
 Resistance = Annotated[float, Dimension("resistance")]
 Compliance = Annotated[float, Dimension("compliance")]
 Angle = Annotated[float, Dimension("angle")]

@@ -184,7 +184,7 @@ def test_an_override_may_use_any_unit() -> None:
         ("materials.wall.poisson", 0.5, "materials.wall.poisson = 0.5 is not accepted: a number less than 0.5 is wan"),
         ("materials.wall.young_kPa", True, "materials.wall.young_kPa = true is not accepted: a number is wanted"),
         ("materials.wall.c10_kPa", 1, "'materials.wall.c10_kPa' is not a known key"),
-        ("materials.fluid", {}, "materials.fluid = {} is not accepted: a table with set = one of blood, or with a law"),
+        ("materials.fluid", {}, "materials.fluid = {} is not accepted: a table with set = one of blood, blood_an"),
         ("loads.skin_pressure.final_mmHG", 5, "'loads.skin_pressure.final_mmHG' is not a known key: did you mean 'f"),
         ("conditions.ends", "rolller", "conditions.ends = 'rolller' is not accepted: did you mean 'roller'? one of"),
         ("discretisation.order", 1, "discretisation.order = 1 is not accepted: a number of at least 2 is wanted"),

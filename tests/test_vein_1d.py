@@ -10,6 +10,8 @@ from scipy.special import jv
 from ngfsi.analysis.tube_law import LAWS, TubeLaw
 from ngfsi.analysis.vein_1d import RATES, CollapsibleVein
 from ngfsi.errors import SolverError
+from ngfsi.materials import load_set
+from ngfsi.materials.fluid.law import FluidLaw
 
 LENGTH, AREA, DENSITY, VISCOSITY, FLOW = 0.12, 9e-5, 1060.0, 3.5e-3, 2.9e-6
 CELLS = 60
@@ -19,7 +21,7 @@ def vein(law: str = "elastic ring", *, area: float = AREA, stiffness: float = 2e
          viscosity: float = VISCOSITY, flow: float = FLOW, outlet=lambda _: 0.0, external=lambda _: 0.0,
          ) -> CollapsibleVein:  # type: ignore[no-untyped-def]  # fmt: skip
     parameters = TubeLaw(law, np.full(cells, area), np.full(cells, stiffness))
-    return CollapsibleVein(parameters, LENGTH, DENSITY, viscosity, lambda _: flow, outlet, external)
+    return CollapsibleVein(parameters, LENGTH, DENSITY, lambda _: viscosity, lambda _: flow, outlet, external)
 
 
 def test_poiseuille() -> None:
@@ -33,11 +35,26 @@ def test_poiseuille() -> None:
     assert found.flow == pytest.approx(np.full((3, CELLS + 1), FLOW), rel=1e-4)
 
 
+def test_blood_that_thins() -> None:
+    """In a stiff vein: drop of pressure and shear of developed flow, by Weissenberg and Rabinowitsch."""
+    law, radius = load_set("blood_carreau"), np.sqrt(AREA / np.pi)
+    assert isinstance(law, FluidLaw)
+    places = TubeLaw("elastic ring", np.full(CELLS, AREA), np.full(CELLS, 1e6))
+    none = lambda _: 0.0  # noqa: E731
+    thin = CollapsibleVein(places, LENGTH, DENSITY, law.developed_viscosity, lambda _: FLOW, none, none)
+    found, rate = thin.solve(np.linspace(0, 5e-4, 2)), 4 * FLOW / (np.pi * radius**3)
+    wall = float(law.developed_viscosity(rate)) * rate
+    assert wall > 1.5 * VISCOSITY * rate
+    assert found.sawss == pytest.approx(np.full(2, wall), rel=1e-4)
+    drop = thin.law.pressure(thin.steady(0.0)[:CELLS])
+    assert drop == pytest.approx(2 * wall / radius * (LENGTH - found.places), rel=1e-3)
+
+
 def bernoulli(cells: int) -> float:
     """Largest error of p + rho u^2 / 2, over the change of p, in a tapering vein without friction."""
     places = (np.arange(cells) + 0.5) / cells
     law = TubeLaw("elastic ring", AREA * (1 - 0.5 * places), np.full(cells, 2e4))
-    found = CollapsibleVein(law, LENGTH, DENSITY, 0.0, lambda _: 1e-4, lambda _: 0.0, lambda _: 0.0)
+    found = CollapsibleVein(law, LENGTH, DENSITY, lambda _: 0.0, lambda _: 1e-4, lambda _: 0.0, lambda _: 0.0)
     area = found.steady(0.0)[:cells]
     pressure = law.pressure(area)
     total = pressure + DENSITY / 2 * (1e-4 / area) ** 2

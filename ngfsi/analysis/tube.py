@@ -110,7 +110,7 @@ def in_one_dimension(run: StoredRun) -> Comparison:
         law=TubeLaw(fits[0].law.name, area, stiffness),
         length=run.own_vessel.course.length,
         density=blood.density,
-        viscosity=blood.nominal_viscosity,
+        viscosity=blood.developed_viscosity,
         inflow=(lambda time: float(np.interp(time, series["time_s"], series["flow_in_m3_s"])))
         if run.vessel
         else loads.inlet_flow,

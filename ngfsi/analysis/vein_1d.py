@@ -7,6 +7,9 @@ wall shear stress is that of laminar flow whose mean velocity changes (Zielke, J
 
 tau = 4 mu u / R + 2 mu / R sum_k m_k y_k,  y_k' = u' - n_k nu / R^2 y_k
 
+Where the blood thins under shear, mu is the viscosity that developed flow of the present velocity has in a round pipe,
+`FluidLaw.developed_viscosity`: exact for slow changes.
+
 with m_k = 1 and the squared zeros n_k of the Bessel function J_2. A last mode stands for all beyond: it adds what they
 lack in sum m_k / n_k = 1/12 and sum m_k / n_k^2 = 1/576, the answers to a slowly changing acceleration. What the walls'
 own motion and the way from the inlet do to the profile is left out. Area at the middles of cells, velocity at their
@@ -79,7 +82,8 @@ class CollapsibleVein:
     Attributes:
         law: with parameters at the middles of even cells.
         length: m
-        density, viscosity: of the blood, kg/m3, Pa s.
+        density: of the blood, kg/m3.
+        viscosity: of the blood (Pa s), of 4 u / R (1/s), the wall shear rate of a constant one.
         inflow: m3/s over time.
         outlet_pressure, external_pressure: Pa over time.
     """
@@ -87,7 +91,7 @@ class CollapsibleVein:
     law: TubeLaw
     length: float
     density: float
-    viscosity: float
+    viscosity: Callable[[Array], Array | float]
     inflow: OverTime
     outlet_pressure: OverTime
     external_pressure: OverTime
@@ -134,13 +138,17 @@ class CollapsibleVein:
         convection = np.append(squares[2:] - squares[:-2], 3 * squares[-1] - 4 * squares[-2] + squares[-3]) / (4 * size)
         force = -np.diff(pressure, append=beyond) / size - 2 * self._shear(states) / np.sqrt(faces / np.pi)
         acceleration = force / self.density - convection
-        decay = self.viscosity / self.density * np.pi / faces * RATES
+        decay = self._viscosity(velocity, faces) / self.density * np.pi / faces * RATES
         return np.concatenate([-np.diff(flow) / size, acceleration, (acceleration - decay * modes).ravel()])
 
     def _shear(self, states: Array) -> Array:
         """Return the wall shear stress (Pa) at the faces after the cells."""
-        area, velocity, modes = states[0], states[1], np.tensordot(WEIGHTS, states[2:], axes=1)
-        return np.asarray(self.viscosity * (4 * velocity + 2 * modes) / np.sqrt(_at_faces(area) / np.pi))
+        faces, velocity, modes = _at_faces(states[0]), states[1], np.tensordot(WEIGHTS, states[2:], axes=1)
+        viscosity = self._viscosity(velocity, faces)
+        return np.asarray(viscosity * (4 * velocity + 2 * modes) / np.sqrt(faces / np.pi))
+
+    def _viscosity(self, velocity: Array, area: Array) -> Array | float:
+        return self.viscosity(4 * velocity / np.sqrt(area / np.pi))
 
     def steady(self, time: float) -> Array:
         """Return the steady state under the loads at a time (s), as in `rates`.

@@ -65,16 +65,17 @@ def _numbers(case: Case, sizes_are_wrong: bool) -> Iterator[str]:
     opening = case.loads.opening(vessel.inlets[0]) if vessel.inlets else None
     if fluid is None or not vessel.lumen or not isinstance(opening, FlowOpening):
         return
-    density, viscosity = fluid.density, fluid.nominal_viscosity
+    density, radius = fluid.density, vessel.radius
     cause = "" if sizes_are_wrong else ": see the unit of the flow, of lengths and of the viscosity"
     times = np.linspace(0.0, case.time.end, SAMPLES)
     flow = max(abs(opening.flow(float(t))) for t in times)
-    reynolds = 2 * density * flow / (pi * vessel.radius * viscosity)
+    viscosity = float(fluid.developed_viscosity(4 * flow / (pi * radius**3)))
+    reynolds = 2 * density * flow / (pi * radius * viscosity)
     if reynolds > LARGEST_REYNOLDS:
         yield f"the Reynolds number is {reynolds:.2g}, where vessels have {LARGEST_REYNOLDS:g} at most{cause}"
     period = getattr(opening.flow, "period", None) or _length_of(opening.flow)
     if period:
-        womersley = vessel.radius * sqrt(2 * pi / period * density / viscosity)
+        womersley = radius * sqrt(2 * pi / period * density / viscosity)
         if womersley > LARGEST_WOMERSLEY:
             yield f"the Womersley number is {womersley:.2g}, where vessels have {LARGEST_WOMERSLEY:g} at most{cause}"
 

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from ngfsi.arrays import Array, Numbers
 from ngfsi.conditions.condition import Condition, OpeningModel, Setup, WithValue
-from ngfsi.conditions.profiles import developed, inwards, oscillating, rim, womersley
+from ngfsi.conditions.profiles import SAMPLES, developed, developed_of_law, inwards, oscillating, rim, womersley
 from ngfsi.config.functions import FlowCurve, PressureConstant, PressureCurve
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain, elements_at
@@ -66,12 +66,22 @@ class Opening(WithValue):
         return float(ng.Integrate(integral, self.domain.mesh))
 
     def _profile(self) -> GridFunction:
-        """Return developed flow into the vessel as a relative velocity, up to a factor; zero away from the opening."""
+        """Return developed flow into the vessel as a relative velocity, up to a factor; zero away from the opening.
+
+        It is that of a constant viscosity.
+        """
         given = self.domain.geometry.inflow() if self.opening == "inlet" else None
         return self._computed() if given is None else self._on_opening(given, dual=False)
 
     def _computed(self) -> GridFunction:
         face = developed(self.domain, self.opening, self._setup.unknowns.order)
+        return self._on_opening(face * inwards(self.domain, self.opening, self.lumen))
+
+    def _thinning(self, flow: float) -> GridFunction:
+        """Return developed flow (m3/s) of the blood's own law as a relative velocity; zero away from the opening."""
+        fluid = self._setup.fluid
+        assert fluid is not None
+        face = developed_of_law(self.domain, self.opening, self._setup.unknowns.order, fluid, flow)
         return self._on_opening(face * inwards(self.domain, self.opening, self.lumen))
 
     def _on_opening(self, velocity: Any, *, dual: bool = True) -> GridFunction:
@@ -89,7 +99,11 @@ class Opening(WithValue):
 
 
 class GivenFlow(Opening):
-    """A flow: its profile on the opening, scaled such that the flux through the deformed opening is the one wanted."""
+    """A flow: its profile on the opening, scaled such that the flux through the deformed opening is the one wanted.
+
+    The developed profile of blood that thins depends on the flow: those of flows a factor of 2 apart are computed when
+    they are needed, and taken in proportion to the logarithm in between.
+    """
 
     def __init__(
         self, domain: Domain, opening: str, vessel: Vessel, curve: Callable[[float], float], profile: Profile
@@ -97,6 +111,7 @@ class GivenFlow(Opening):
         super().__init__(domain, opening, vessel, curve)
         self._kind = profile
         self._time, self._factor = 0.0, 1.0
+        self._by_flow: dict[int, tuple[Array, Any]] = {}
 
     def velocity_on(self) -> tuple[str, ...]:
         return (self.opening,)
@@ -105,9 +120,27 @@ class GivenFlow(Opening):
         super().attach(setup)
         self._numbers = setup.unknowns.on_opening[self.opening]
         profiles = {"developed": self._profile, "flat": self._flat, "womersley": self._computed}
-        field = profiles[self._kind]()
-        self._shape, self._shape_flux = self._values(field), self._outflow_of(self._velocity_of(field))
+        self._shape = self._with_flux(profiles[self._kind]())
         self._wave = self._oscillating() if self._kind == "womersley" else None
+
+    def _with_flux(self, field: GridFunction) -> tuple[Array, Any]:
+        return self._values(field), self._outflow_of(self._velocity_of(field))
+
+    def _shapes(self, flow: float) -> list[tuple[float, Array, Any]]:
+        """Return profiles into the vessel at a flow (m3/s): weight, values and flux of each."""
+        fluid = self._setup.fluid
+        if fluid is None or fluid.newtonian or self._kind == "flat" or flow == 0:
+            return [(1.0, *self._shape)]
+        number, fraction = divmod(float(np.log2(abs(flow) / self._slowest())), 1.0)
+        number, fraction = (int(number), fraction) if number >= 0 else (0, 0.0)
+        weights = {number: 1 - fraction, number + 1: fraction}
+        for one in weights.keys() - self._by_flow.keys():
+            self._by_flow[one] = self._with_flux(self._thinning(2.0**one * self._slowest()))
+        return [(weight / 2.0**one, *self._by_flow[one]) for one, weight in weights.items()]
+
+    def _slowest(self) -> float:
+        """Return the flow (m3/s) below which the profile stays: a mean velocity of 0.1 % of the size a second."""
+        return 1e-3 * self.domain.geometry.size * self.domain.area(self.opening)
 
     def _values(self, field: GridFunction) -> Array:
         return np.array(field.vec.FV().NumPy()[self._numbers])
@@ -120,18 +153,23 @@ class GivenFlow(Opening):
         return field
 
     def _oscillating(self) -> Callable[[float], Array]:
-        """Return Womersley's profile over time, without the mean of the flow."""
+        """Return Womersley's profile over time, without the mean of the flow.
+
+        Blood that thins has the viscosity of the mean of the flow's size, developed.
+        """
         period = getattr(self.curve, "period", None)
         if period is None:
             raise CaseError(
                 f"profile = 'womersley' at '{self.opening}' needs a periodic flow, of kind 'harmonics' or 'waveform'"
             )
-        fluid = self._setup.fluid
+        fluid, area = self._setup.fluid, self.domain.area(self.opening)
         assert fluid is not None
+        flow = np.mean([abs(self.curve(float(t))) for t in np.linspace(0, period, SAMPLES, endpoint=False)])
+        viscosity = fluid.developed_viscosity(4 * flow / (np.pi * (area / np.pi) ** 1.5))
         into = inwards(self.domain, self.opening, self.lumen)
 
         def profile_of(omega: float) -> tuple[Array, complex]:
-            parameter = fluid.density * omega / fluid.nominal_viscosity
+            parameter = float(fluid.density * omega / viscosity)
             face = womersley(self.domain, self.opening, self._setup.unknowns.order, parameter)
             parts = [self._on_opening(part * into) for part in (face.real, face.imag)]
             values = [self._values(part) for part in parts]
@@ -154,7 +192,9 @@ class GivenFlow(Opening):
         if self._wave is not None:
             values[self._numbers] = sign * self._factor * self._wave(self._time)
             left += sign * self.outflow()
-        values[self._numbers] += self._shape * (sign * left / -self._integral(self._shape_flux))
+        shapes = self._shapes(left)
+        flux = -sum(weight * self._integral(one) for weight, _, one in shapes)
+        values[self._numbers] += sum(weight * shape for weight, shape, _ in shapes) * (sign * left / flux)
 
     def flow_scale(self) -> float:
         return float(abs(self.value.Get()))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 
-from ngfsi.measure.ellipticity import Ellipticity, extreme
+from ngfsi.materials.solid.fibres import Fibred
+from ngfsi.measure.ellipticity import Ellipticity, EllipticityInAllDirections, extreme
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics, in_3d
 from ngfsi.system.system import System
@@ -26,6 +27,8 @@ class Deformation:
         self._strain = in_3d(system.deformation_gradient(), 1.0)
         self._laws = {name: system.case.materials.law_of(name) for name in self._solids}
         self._resistance = {name: Ellipticity(law) for name, law in self._laws.items() if law.isotropic}
+        self._fibred = {name: model for name, model in system.solids.items() if isinstance(model, Fibred)}
+        self._in_all = {name: EllipticityInAllDirections(model.law) for name, model in self._fibred.items()}
         points = rules(2 * system.unknowns.order)
         self._place = ng.CF((ng.x, ng.y, ng.z)[: domain.mesh.dim]) + motion
         self._lumens = domain.lumens
@@ -77,8 +80,11 @@ class Deformation:
                 text = f"elements of '{name}' near {place} are close to inversion, det F {J:.3g}"
                 warnings[f"inversion of {name}"] = text
         for name in self._solids:
-            if name not in self._resistance:
-                text = f"strong ellipticity of '{name}' is not checked: that is done for isotropic laws alone"
+            if name not in self._resistance and name not in self._in_all:
+                text = (
+                    f"strong ellipticity of '{name}' is not checked: that is done for isotropic laws and for ngfsi's "
+                    "laws with fibres"
+                )
                 warnings[f"ellipticity of {name}"] = text
             if f"stability of {name}" not in self._warned and (unstable := self.unstable(name)):
                 warnings[f"stability of {name}"] = f"{unstable}: what is computed from here on depends on the mesh"
@@ -88,12 +94,17 @@ class Deformation:
 
     def unstable(self, region: str) -> str:
         """Say where the material of a solid has lost strong ellipticity (see `Ellipticity`), or nothing."""
-        if region not in self._resistance:
+        if region not in self._resistance and region not in self._in_all:
             return ""
         F = np.asarray(self._strain(self._points[region])).reshape(-1, 3, 3)
         stretches = np.sqrt(np.maximum(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F), 0.0))
         chosen = extreme(stretches)
-        resistances = self._resistance[region].smallest(stretches[chosen])
+        if region in self._in_all:
+            ways = [np.asarray(one(self._points[region])).reshape(-1, 3) for one in self._fibred[region].directions]
+            directions = np.stack([np.broadcast_to(way, (len(F), 3)) for way in ways], axis=1)
+            resistances = self._in_all[region].smallest(F[chosen], directions[chosen])
+        else:
+            resistances = self._resistance[region].smallest(stretches[chosen])
         if np.min(resistances) > 0:
             return ""
         place = self._deformed_place(region, int(chosen[np.argmin(resistances)]))

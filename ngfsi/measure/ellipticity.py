@@ -18,6 +18,7 @@ from ngsolve.meshes import MakeStructured3DMesh
 
 from ngfsi.arrays import Array, Numbers
 from ngfsi.materials import SolidLaw
+from ngfsi.materials.solid.fibres import Fibred, FibreLaw
 
 LARGEST = 10.0
 """Largest stretch looked at."""
@@ -67,6 +68,64 @@ class Ellipticity:
     def _set(vector: list[ng.Parameter], entries: dict[int, float]) -> None:
         for axis, parameter in enumerate(vector):
             parameter.Set(entries.get(axis, 0.0))
+
+
+class EllipticityInAllDirections:
+    """Resistance of a law with fibres to shear bands: the whole tangent, and directions n all over the sphere."""
+
+    def __init__(self, law: FibreLaw) -> None:
+        self._F = [ng.Parameter(float(i == j)) for i, j in product(range(3), repeat=2)]
+        self._ways = [[ng.Parameter(0.0) for _ in range(3)] for _ in law.fibres]
+        model = Fibred(law, [ng.CF(tuple(way)) for way in self._ways])
+        F = ng.CF(tuple(self._F), dims=(3, 3))
+        units = (ng.CF(tuple(one.tolist()), dims=(3, 3)) for one in np.eye(9))
+        self._stress = ng.CF(tuple(model.variation(F, unit) for unit in units)).Compile()
+        self._point = _stretches_as_points()(1.0, 1.0, 1.0)
+        self._unit = 1.0
+        aligned = np.tile([0.0, 0.0, 1.0], (1, len(law.fibres), 1))
+        self._unit = float(self.smallest(np.eye(3)[None], aligned)[0])
+
+    def smallest(self, F: Array, directions: Array) -> Array:
+        """Return the smallest eigenvalue of Q over that at rest: (n,).
+
+        Args:
+            F: deformation gradients (n, 3, 3).
+            directions: unit vectors along the fibres (n, families, 3).
+        """
+        return np.array([self._at(*one) for one in zip(F, directions, strict=True)]) / self._unit
+
+    def _at(self, F: Array, directions: Array) -> float:
+        for way, values in zip(self._ways, directions, strict=True):
+            for parameter, value in zip(way, values, strict=True):
+                parameter.Set(float(value))
+        unit = DIFFERENCE * np.eye(9)
+        up, down = (np.array([self._stress_at(F.ravel() + sign * one) for one in unit]) for sign in (1, -1))
+        tangent = ((up - down) / (2 * DIFFERENCE)).reshape(3, 3, 3, 3)
+
+        def smallest(n: Array) -> Array:
+            return np.asarray(np.linalg.eigvalsh(np.einsum("iajb,na,nb->nij", tangent, n, n))[:, 0])
+
+        best, spread = SPHERE[np.argmin(smallest(SPHERE))], 0.1
+        while spread > 1e-4:  # around the best direction, ever nearer
+            near = np.vstack([best, best + spread * SPHERE[::8], best - spread * SPHERE[::8]])
+            near /= np.linalg.norm(near, axis=1)[:, None]
+            best, spread = near[np.argmin(smallest(near))], spread / 2
+        return float(smallest(best[None])[0])
+
+    def _stress_at(self, F: Array) -> Array:
+        for parameter, value in zip(self._F, F, strict=True):
+            parameter.Set(float(value))
+        return np.asarray(self._stress(self._point))
+
+
+def _sphere(number: int) -> Array:
+    """Return directions (n, 3) spread evenly over half of the sphere, on a spiral."""
+    z = (np.arange(number) + 0.5) / number
+    turn = np.pi * (1 + 5**0.5) * np.arange(number)
+    return np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
+
+
+SPHERE = _sphere(400)
 
 
 def extreme(stretches: Array) -> Numbers:

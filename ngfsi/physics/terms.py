@@ -93,15 +93,25 @@ def convective_inertia(density: float | CF, k: Kinematics, rate: CF, grad_u: CF,
     return density * InnerProduct(k.J * rate + grad_u * (k.cof.trans * relative_velocity), v)
 
 
-def viscous_stress(fluid: FluidLaw, k: Kinematics, grad_u: CF) -> CF:
-    """mu (L + L^T) with L = grad u F^-1, the velocity gradient in the deformed shape."""
+def viscous_stress(fluid: FluidLaw, k: Kinematics, grad_u: CF, held: CF | None = None) -> CF:
+    """mu (L + L^T) with L = grad u F^-1, the velocity gradient in the deformed shape; `held`: as below."""
     L = grad_u * k.inverse
-    return fluid.apparent_viscosity(L + L.trans) * (L + L.trans)
+    viscosity = fluid.apparent_viscosity(L + L.trans)
+    return (viscosity if held is None else (viscosity + held) / 2) * (L + L.trans)
 
 
-def fluid_stress_work(fluid: FluidLaw, k: Kinematics, grad_u: CF, p: CF, grad_v: CF) -> CF:
-    """J sigma F^-T : grad v with sigma = -p I + mu (L + L^T)."""
-    return InnerProduct(viscous_stress(fluid, k, grad_u) * k.cof, grad_v) - p * InnerProduct(k.cof, grad_v)
+def fluid_stress_work(
+    fluid: FluidLaw, k: Kinematics, grad_u: CF, p: CF, grad_v: CF, held: CF | None = None
+) -> CF:  # fmt: skip
+    """J sigma F^-T : grad v with sigma = -p I + mu (L + L^T).
+
+    Args:
+        held: the viscosity as a function of the present state instead of the unknowns. Its mean with mu has half of
+            the derivative. Newton's method for a stress like g^n diverges where n < 1/2, as in blood around 1 1/s; with
+            half of the derivative of the viscosity it converges for any n, by (1 - n)/(1 + n) an iteration.
+    """
+    stress = viscous_stress(fluid, k, grad_u, held)
+    return InnerProduct(stress * k.cof, grad_v) - p * InnerProduct(k.cof, grad_v)
 
 
 def incompressibility(k: Kinematics, grad_u: CF, q: CF) -> CF:

@@ -127,7 +127,7 @@ class System:
         if self._small:
             return SmallStrain(law)
         F = in_3d(self.deformation_gradient(), 1.0)
-        return law.bind(Place(self.domain.mesh, region, self.unknowns.order, F, self.step))
+        return law.bind(Place(self.domain, region, self.unknowns.order, F, self.step))
 
     def named(self, field: GridFunction) -> dict[str, Any]:
         """Return the components of a grid function of all unknowns by name of the field."""
@@ -146,17 +146,21 @@ class System:
 
         With one-way coupling the blood's terms are missing in the equations of the solids, where they are its traction.
         """
-        integrals = self.integrals()
+        integrals, thins = self.integrals(), bool(self.domain.lumens) and not self.blood.newtonian
         residual: Any = residual_form(space, integrals)
         velocity, rest = (field.components[0] for field in (self.velocity_history, self.acceleration_history))
         acceleration = second_rate(self.new_weight, self._trial[MOTION], velocity, rest)
-        linear = [*integrals, *self.inertia_integrals(acceleration, self._test[MOTION])]
+        linear = [
+            *(self.integrals(linearised=True) if thins else integrals),
+            *self.inertia_integrals(acceleration, self._test[MOTION]),
+        ]
         one_way = any(condition.excludes_blood() for condition in self.conditions.values())
         # interior unknowns appear from order 3 on
         tangent: Any = tangent_form(space, linear, condense=self.unknowns.order >= 3 and not one_way)
         if one_way:
-            blood, rows = self.blood_integrals(self._elements), self.unknowns.blocks["d"]
-            residual = WithoutRows(residual, residual_form(space, blood), rows)
+            rows = self.unknowns.blocks["d"]
+            residual = WithoutRows(residual, residual_form(space, self.blood_integrals(self._elements)), rows)
+            blood = self.blood_integrals(self._elements, linearised=thins)
             tangent = WithoutRows(tangent, tangent_form(space, blood), rows)
         return self._with_inertia(residual), tangent
 
@@ -200,8 +204,12 @@ class System:
         near = None if vessel is None else elements_at(self.domain, str(vessel.lumen), vessel.interface)
         return residual_form(self.unknowns.space, self.blood_integrals(near))
 
-    def integrals(self) -> list[Integral]:
-        """Return the integrals of the weak form but the solids' inertia, on this rank's elements."""
+    def integrals(self, *, linearised: bool = False) -> list[Integral]:
+        """Return the integrals of the weak form but the solids' inertia, on this rank's elements.
+
+        Args:
+            linearised: for the tangent, in which the viscosity of blood that thins has half of its derivative.
+        """
         trial, test, elements = self._trial, self._test, self._elements
         F, relaxation = Kinematics(ng.Grad(trial[MOTION])).F, self.stress_free_gradient()
         found = []
@@ -211,7 +219,7 @@ class System:
             across = (1 + trial[STRETCH], test[STRETCH]) if stressed else (1, 0)
             found += self.work_integrals(name, F, ng.Grad(test[MOTION]), relaxation, across, elements)
         acting = [i for condition in self.conditions.values() for i in condition.integrals(elements)]
-        return [*found, *acting, *self._blood_inside(elements)]
+        return [*found, *acting, *self._blood_inside(elements, linearised)]
 
     def _rules(self, order: int) -> dict[Any, ng.IntegrationRule]:
         return rules(order + self.case.discretisation.extra_integration_order)
@@ -224,6 +232,12 @@ class System:
         """Return the pressure (Pa) relative to which that of a vessel's blood is solved for."""
         condition: Any = self.conditions[f"blood {vessel}".strip()]
         return condition.value
+
+    def viscosity(self) -> Any:
+        """Return the viscosity of the blood (Pa s) in the present state."""
+        f = self.fields()
+        L = f.grad_velocity * Kinematics(f.grad_motion).inverse
+        return self.blood.apparent_viscosity(L + L.trans)
 
     def hydrostatic_pressure(self, region: str) -> Any:
         """Return p = -tr(sigma)/3 (Pa) of a solid in the present state."""
@@ -263,21 +277,22 @@ class System:
         found = [i for name in self.solids for i in self.work_integrals(name, F, ng.Grad(v), relaxation)]
         return [*found, *(i for condition in self.conditions.values() for i in condition.static_integrals(m, v))]
 
-    def blood_integrals(self, elements: ng.BitArray | None = None) -> list[Integral]:
+    def blood_integrals(self, elements: ng.BitArray | None = None, *, linearised: bool = False) -> list[Integral]:
         """Return the integrals of the blood, the mesh motion and what acts on the blood, on some elements or all."""
         acting = [i for condition in self.conditions.values() for i in condition.blood_integrals(elements)]
-        return [*self._blood_inside(elements), *acting]
+        return [*self._blood_inside(elements, linearised), *acting]
 
-    def _blood_inside(self, elements: ng.BitArray | None) -> list[Integral]:
+    def _blood_inside(self, elements: ng.BitArray | None, linearised: bool = False) -> list[Integral]:
         if not self.domain.lumens:
             return []
         f = self.fields(self._trial)
         k = Kinematics(f.grad_motion)
         # which unknown's equation that makes: see Unknowns.equations
         v, v_mesh = self._test[MOTION], self._test[VELOCITY]
+        held = self.viscosity() if linearised and not self.blood.newtonian else None
         inside = [
             terms.convective_inertia(self.blood_density, k, f.acceleration, f.grad_velocity, f.relative, v),
-            terms.fluid_stress_work(self.blood, k, f.grad_velocity, f.pressure, ng.Grad(v)),
+            terms.fluid_stress_work(self.blood, k, f.grad_velocity, f.pressure, ng.Grad(v), held),
             terms.incompressibility(k, f.grad_velocity, self._test[PRESSURE]),
         ]
         if not any(condition.moves_mesh() for condition in self.conditions.values()):

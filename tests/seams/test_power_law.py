@@ -37,10 +37,6 @@ class PowerLaw(FluidLaw):
     def viscosity_at(self, shear_rate: Any) -> Any:
         return self.consistency * shear_rate ** (self.n - 1)
 
-    @property
-    def nominal_viscosity(self) -> float:
-        return float(self.viscosity_at(20.0))
-
 
 def test_developed_flow_in_a_pipe() -> None:
     """u = u0 (3n + 1)/(n + 1) (1 - (r/R)^((n + 1)/n)), wall shear K ((3n + 1) u0/(n R))^n, drop 2 L tau/R."""

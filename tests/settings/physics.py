@@ -20,7 +20,11 @@ from ngfsi import registry
 from ngfsi.case import Conditions, Materials
 from ngfsi.conditions import Condition, ConditionModel, ContactModel, Cuff, PressureOn
 from ngfsi.config import functions as curves
-from ngfsi.materials import MooneyRivlin, NeoHookean, SaintVenantKirchhoff
+from ngfsi.materials import MooneyRivlin, NeoHookean, Ogden, SaintVenantKirchhoff, load_set
+from ngfsi.materials.solid.blemker import Blemker
+from ngfsi.materials.solid.directions import ConstantDirection
+from ngfsi.materials.solid.holzapfel_gasser_ogden import HolzapfelGasserOgden
+from ngfsi.materials.solid.humphrey_yin import HumphreyYin
 from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.displacement import OutlineDisplacement
@@ -157,6 +161,78 @@ def _neo_hookean_bulk() -> Outcome:
     return more, [np.trace(stress(N))] * 2
 
 
+@entry("Ogden.mu", "Ogden.alpha", "Ogden.K", rel=1e-6)
+def _ogden() -> Outcome:
+    """By the eigenvalues of B, J sigma = sum 2 mu/alpha dev(b^(alpha/2)) + K/2 (J^2 - 1)."""
+    values, vectors = np.linalg.eigh(B * J ** (-2 / 3))
+    terms = [
+        2 * mu / a * deviator(vectors @ np.diag(values ** (a / 2)) @ vectors.T) for mu, a in ((7e3, 3.0), (2e3, -2.0))
+    ]
+    law = Ogden(mu=(7e3, 2e3), alpha=(3.0, -2.0), K=28e3, density=1060.0)
+    return stress(law), (sum(terms) + 14e3 * (J**2 - 1) * np.eye(3)) / J
+
+
+FIBRES = (ConstantDirection(vector=(1.0, 0.0, 0.0)),)
+
+
+def pull(law: Any, **changes: Any) -> np.ndarray:
+    """Return by how much a change moves the deviator of the stress; B a a B and the like are that of fibres along x."""
+    return np.asarray(deviator(stress(law.replace(**changes)) - stress(law)))
+
+
+A = J ** (-1 / 3) * F[:, 0]
+I4 = float(A @ A)
+AA = 2 / J * deviator(np.outer(A, A))
+
+
+@entry("FibreLaw.K", "FibreLaw.fibres", "HolzapfelGasserOgden.c", "HolzapfelGasserOgden.k1", "HolzapfelGasserOgden.k2",
+       "HolzapfelGasserOgden.kappa", rel=1e-6)  # fmt: skip
+def _holzapfel_gasser_ogden() -> Outcome:
+    law = HolzapfelGasserOgden(fibres=FIBRES, K=30e3, c=9e3, k1=7e3, k2=2.0, kappa=0.1, density=1060.0)
+    strain = 0.1 * (I1 - 3) + 0.7 * (I4 - 1)
+    fibre = 7e3 * strain * np.exp(2.0 * strain**2)
+    exact = 4.5e3 * DEV_1 + fibre * (0.1 * DEV_1 + 0.7 * AA) + 15e3 * (J - 1 / J) * np.eye(3)
+    return stress(law), exact
+
+
+@entry("Direction.kind")
+def _kinds_of_directions() -> Outcome:
+    """Along z, by a constant and by the axis."""
+    given = [{"kind": "constant", "vector": [0.0, 0.0, 3.0]}, {"kind": "around", "angle_deg": 90}]
+    law = {"law": "holzapfel_gasser_ogden", "c_kPa": 9, "k1_kPa": 7, "k2": 2.3, "K_kPa": 80, "density_kg_m3": 1060}
+    system = system_of(case_of(TUBE, **{"materials.wall": {**law, "fibres": given}}))
+    model: Any = system.solids["wall"]
+    found = [system.domain.value(one, TUBE.lumen_radius + 1e-3, 1e-4, 5e-3) for one in model.directions]
+    return np.abs(np.array(found)) + 1, np.array([[1.0, 1.0, 2.0]] * 2)
+
+
+@entry("HumphreyYin.c1", "HumphreyYin.c2", "HumphreyYin.c3", "HumphreyYin.c4", "HumphreyYin.c5", rel=1e-6)
+def _humphrey_yin() -> Outcome:
+    law = HumphreyYin(fibres=FIBRES, K=30e3, c1=8e3, c2=20e3, c3=3e3, c4=-4e3, c5=9e3, density=1060.0)
+    fibre = I4**0.5 - 1
+    along = (16e3 * fibre + 60e3 * fibre**2 - 4e3 * (I1 - 3)) / (2 * I4**0.5)
+    return deviator(stress(law)), (3e3 - 4e3 * fibre + 18e3 * (I1 - 3)) * DEV_1 + along * AA
+
+
+@entry("Blemker.G1", "Blemker.G2", "Blemker.P1", "Blemker.P2", "Blemker.peak_stress", "Blemker.straight_stretch",
+       "Blemker.optimal_stretch", rel=1e-6)  # fmt: skip
+def _blemker() -> Outcome:
+    """Stress of the fibres by hand, below and beyond where they are straight; and that of shear is in proportion to the
+    moduli."""
+    law = Blemker(fibres=FIBRES, K=30e3, G1=5e3, G2=3e3, P1=0.0, P2=6.0, peak_stress=300e3, straight_stretch=1.05,
+                  optimal_stretch=0.95, density=1060.0)  # fmt: skip
+    x = I4**0.5 / 0.95
+    assert x > 1.05
+    grown, pulls = np.exp(6.0 * 0.05), []
+    for end in (1.05, 2.0):
+        curved = 0.04 * (np.exp(6.0 * (x - 1)) - 1)
+        pulls.append(curved if end == 2.0 else 0.04 * (grown - 1) + 0.04 * 6.0 * grown * (x - 1.05))
+    found = [pull(law.replace(straight_stretch=end), P1=0.04) for end in (1.05, 2.0)]
+    shear = [deviator(stress(law.replace(G1=g1, G2=g2))) for g1, g2 in ((5e3, 3e3), (5e3, 6e3), (10e3, 6e3))]
+    wanted = [300e3 * one / (0.95 * 2 * I4**0.5) * AA for one in pulls]
+    return np.array([*found, shear[2]]), np.array([*wanted, 2 * shear[0]])
+
+
 @entry("LinearAtRest.young", rel=1e-7)
 def _young() -> Outcome:
     return stress(SVK.replace(young=60e3)), 2 * stress(SVK)
@@ -217,6 +293,42 @@ def _viscosity() -> Outcome:
         probe.refresh()
         means.append(row(probe)["sawss_Pa"])
     return means[1], 2 * means[0]
+
+
+def viscosity(set_: str, **changes: float) -> float:
+    """Return the viscosity (mPa s) of a case's blood at 2 1/s."""
+    fluid = case_of(TUBE, **{"materials.fluid": load_set(set_, **changes)}).materials.fluid
+    assert fluid is not None
+    return 1e3 * float(fluid.viscosity_at(2.0))
+
+
+@entry("Plateaus.viscosity_at_rest", "Plateaus.viscosity_at_high_shear", "CarreauYasuda.time_constant",
+       "CarreauYasuda.a", "CarreauYasuda.n", rel=1e-6)  # fmt: skip
+def _carreau_yasuda() -> Outcome:
+    given: dict[str, float] = {
+        "viscosity_at_rest": 40e-3, "viscosity_at_high_shear": 4e-3, "time_constant": 3.0, "a": 1.5, "n": 0.3
+    }  # fmt: skip
+    return viscosity("blood_carreau", **given), 4 + 36 * (1 + 6**1.5) ** (-0.7 / 1.5)
+
+
+@entry("Cross.time_constant", "Cross.m", rel=1e-6)
+def _cross() -> Outcome:
+    given: dict[str, float] = {"viscosity_at_rest": 40e-3, "viscosity_at_high_shear": 4e-3, "time_constant": 3.0}
+    return viscosity("blood_cross", **given, m=0.8), 4 + 36 / (1 + 6**0.8)
+
+
+@entry("Casson.yield_stress", "Casson.viscosity_at_high_shear", "Yielding.regularisation", rel=1e-6)
+def _casson() -> Outcome:
+    found = viscosity("blood_casson", yield_stress=9e-3, viscosity_at_high_shear=4e-3, regularisation=1.5)
+    return found, (2 + (9 / 2.5) ** 0.5) ** 2
+
+
+@entry("Quemada.viscosity_of_plasma", "Quemada.haematocrit", "Quemada.k_rest", "Quemada.k_high_shear",
+       "Quemada.critical_shear_rate", rel=1e-6)  # fmt: skip
+def _quemada() -> Outcome:
+    found = viscosity("blood_quemada", viscosity_of_plasma=1.3e-3, haematocrit=0.4, k_rest=4.0, k_high_shear=1.5,
+                      critical_shear_rate=0.5, regularisation=1e-4)  # fmt: skip
+    return found, 1.3 / (1 - 0.2 * (4 + 1.5 * 2) / 3) ** 2
 
 
 @entry("Materials.tissue", "Materials.wall", rel=1e-7)

@@ -15,6 +15,7 @@ class Newtonian(FluidLaw):
 
     formula: ClassVar[str] = r"\sigma = -p I + \mu\,(\nabla u + \nabla u^T),\quad \nabla\cdot u = 0"
     source: ClassVar[str] = "G. K. Batchelor, An Introduction to Fluid Dynamics (1967), section 3.3"
+    newtonian: ClassVar[bool] = True
 
     law: Literal["newtonian"] = "newtonian"
     viscosity: Viscosity = Field(gt=0)
@@ -25,6 +26,5 @@ class Newtonian(FluidLaw):
     def apparent_viscosity(self, _twice_D: Any) -> float:
         return self.viscosity
 
-    @property
-    def nominal_viscosity(self) -> float:
+    def developed_viscosity(self, _rate: Any) -> float:
         return self.viscosity

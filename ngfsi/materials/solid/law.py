@@ -10,14 +10,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
-import ngsolve as ng
 from ngsolve import CoefficientFunction, Cof, Det, InnerProduct, Parameter, Trace
 from pydantic import Field
 
 from ngfsi.arrays import Array
 from ngfsi.materials.law import Law
+from ngfsi.mesh.domain import Domain
 from ngfsi.units import Density
 
 Pair = tuple[CoefficientFunction, CoefficientFunction]
@@ -28,18 +28,23 @@ class Place:
     """Where a law is bound.
 
     Attributes:
-        mesh: of the reference shape.
+        domain: the reference shape.
         region: name of the solid.
         order: polynomial order of the displacement.
         F: deformation gradient (3x3) of the present state from the shape that is free of stress.
         step: size of the step that is being taken (s); infinite at rest.
     """
 
-    mesh: ng.Mesh
+    domain: Domain
     region: str
     order: int
     F: CoefficientFunction
     step: Parameter
+
+    @property
+    def mesh(self) -> Any:
+        """Of the reference shape."""
+        return self.domain.mesh
 
 
 class SolidModel(ABC):
