@@ -38,7 +38,11 @@ class Algebraic:
         self.case = SimpleNamespace(solver=SimpleNamespace(linearise=linearise))
         mask = np.ones(SIZE, dtype=bool) if free is None else free
         self.unknowns = SimpleNamespace(
-            blocks=PARTS, size=SIZE, free=lambda *names: mask & self._of(names), equations=np.arange(SIZE)
+            blocks=PARTS,
+            size=SIZE,
+            free=lambda *names: mask & self._of(names),
+            equations=np.arange(SIZE),
+            less=None,
         )
         self.state = SimpleNamespace(vec=BaseVector(SIZE))
         self.new_weight, self.blood_density = Parameter(10.0), Parameter(1060.0)
