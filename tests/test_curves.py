@@ -22,7 +22,7 @@ from ngfsi.config.functions import (
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError
 
-KINDS = "'constant', 'ramp', 'smooth_ramp', 'table', 'harmonics', 'waveform'"
+KINDS = "'constant', 'ramp', 'smooth_ramp', 'table', 'harmonics', 'waveform', 'hydrostatic'"
 
 
 class Loads(ConfigModel):

@@ -117,7 +117,9 @@ def test_a_file_is_taken_from_the_command_line_alone(
     code, said = ngfsi_("run", "case.toml", "--quiet")
     assert code == 2
     assert "'my_vein' is not a known geometry: " in said
-    assert "tube, and what a Python file registers that --plugin names (and 1 more)" in said  # its law is the other
+    assert (
+        "tube, vessel_from_surface, and what a Python file registers that --plugin names (and 1 more)" in said
+    )  # its law is the other
     assert "plugin_my_vein" not in sys.modules
     assert ngfsi_("run", "case.toml", "--quiet", "--plugin", "my_vein.py") == (0, "")
     run = open_run(Path("runs/test"))

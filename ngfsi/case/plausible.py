@@ -66,6 +66,8 @@ def _numbers(case: Case, sizes_are_wrong: bool) -> Iterator[str]:
     if fluid is None or not vessel.lumen or not isinstance(opening, FlowOpening):
         return
     density, radius = fluid.density, vessel.radius
+    if not radius**3 > 0:  # its size was complained of already
+        return
     cause = "" if sizes_are_wrong else ": see the unit of the flow, of lengths and of the viscosity"
     times = np.linspace(0.0, case.time.end, SAMPLES)
     flow = max(abs(opening.flow(float(t))) for t in times)

@@ -282,7 +282,8 @@ def measured(name: str) -> list[Measured]:
     for one in tables("measured"):
         given = one.get(name, {})
         postures = given if isinstance(given, dict) else {"": given}
-        for posture, (low, high) in postures.items():
+        for posture, value in postures.items():
+            low, high = value if isinstance(value, list) else (value, value)
             who = f"{one['source'].partition(',')[0].partition(' (')[0]}: {one['who']}"
             found.append(
                 Measured(
