@@ -39,6 +39,8 @@ OPENGL_WORKS = "OpenGL works"
 
 FRAMES, FRAME_MS = 60, 80
 """Of an animation: at most so many, each shown so long."""
+FLAT = 1.2
+"""Ratio of height to depth, from the front, beyond which a vessel is looked at from the side."""
 WIDTH = 1500
 """Pixels across a picture."""
 BONE, BLOOD, COLOURS = "#efe6d2", "#b5322f", "viridis"
@@ -182,10 +184,11 @@ def _draw_wall_shear(runs: Mapping[str, StoredRun], times: Sequence[float], path
     _compose(images, path, columns=1, limits=(low, high), shown=WSS, note=note)
 
 
-def _look_across(plotter: Any, wall: Any, frame: Frame, distance: float) -> None:
-    """Put the camera in front of a vessel that runs from left to right, angles counting from above."""
+def _look_across(plotter: Any, wall: Any, frame: Frame, distance: float, *, flat: bool = False) -> None:
+    """Put the camera in front of a vessel that runs from left to right, angles counting from above; or, of a flat one,
+    beside it, so that it is seen to close."""
     plotter.enable_parallel_projection()
-    up, forwards = frame.axes[:2]
+    up, forwards = (frame.axes[1], -frame.axes[0]) if flat else frame.axes[:2]
     plotter.camera_position = [np.add(wall.center, distance * forwards), wall.center, up]
 
 
@@ -195,7 +198,8 @@ def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path:
     high = float(np.percentile(np.concatenate([wall[SHEAR] for wall in walls]), 99))
     start, frame = walls[0], middle(run)
     sizes = np.ptp(start.points @ frame.axes.T, axis=0)
-    width, length = float(sizes[0]), float(sizes[2])
+    flat, length = bool(sizes[0] > FLAT * sizes[1]), float(sizes[2])
+    width = float(sizes[1 if flat else 0])
     frames = []
     for time, wall in zip(times, walls, strict=True):
         plotter = plotter_of(WIDTH // 2, WIDTH // 6)
@@ -204,7 +208,7 @@ def _draw_animation(runs: Mapping[str, StoredRun], times: Sequence[float], path:
                          scalar_bar_args=bar)  # fmt: skip
         plotter.add_text(_caption(run, time), font_size=9, color="black")
         # the camera stands still, so that the vein is seen to move
-        _look_across(plotter, start, frame, length)
+        _look_across(plotter, start, frame, length, flat=flat)
         plotter.camera.parallel_scale = max(1.1 * width, 0.53 * length / 3)  # frames are three times as wide as high
         frames.append(Image.fromarray(plotter.screenshot(return_img=True)))
         plotter.close()

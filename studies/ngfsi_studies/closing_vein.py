@@ -19,6 +19,7 @@ from ngfsi.case import Case
 from ngfsi.conditions import ContactModel
 from ngfsi.config.functions import Hydrostatic, Posture, PressureConstant, PressureSmoothRamp, PressureTable
 from ngfsi.materials import load_set
+from ngfsi.report.render import animation
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
@@ -522,6 +523,8 @@ def _draw(
         axes = Shown("time", "s"), Shown("area over that at rest", "1")
         lines({"120 mmHg in 1 s, and none in another": opened}, axes, folder / "reopening.png")
         found.append("![Area over time while the vein is closed and let go](reopening.png)\n")
+    if (film := done.get(f"{BASE}-reopening")) and not animation(film, folder / "reopening.gif"):
+        found.append("![The oval vein, closed and let go, from its narrow side, with its wall shear](reopening.gif)\n")
     sections = [Group(POINTS[key].title, done[key]) for key in ("round", BASE) if key in done]
     if sections:
         outlines(sections, (0.0, 1.0), folder / "outlines.png")
