@@ -67,7 +67,7 @@ class Level(NamedTuple):
 
 LEVELS = {
     "demo": Level(compare_tissues.COARSE, 0.05, 5 * MMHG, False, 4, ("oval", "round", "ratio_4", "halved", "gap")),
-    "paper": Level(compare_tissues.LEVELS["demo"], 0.05, 5 * MMHG, True, 16),
+    "paper": Level(compare_tissues.LEVELS["demo"], 0.05, 5 * MMHG, True, 8),
 }
 """Veins with all factors at once, and those that open again, are computed on the mesh of the former."""
 
