@@ -77,5 +77,5 @@ def outlines(
         whole = sum(float(row["area_m2"]) * (1 + float(row["area_error_1"])) for row in mine)
         area = whole / sum(float(row["area_m2"]) for row in mine) - 1
         away = from_si(float(worst["distance_max_m"]), "mm")
-        typer.echo(f"{part}: area {area:+.2%} over all slices, at most {away:.2f} mm off (slice {worst['slice']})")
+        typer.echo(f"{part}: area {area:+z.2%} over all slices, at most {away:.2f} mm off (slice {worst['slice']})")
     typer.echo(f"All slices are in '{output}': deviations.csv, sections.png")

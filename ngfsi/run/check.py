@@ -80,7 +80,7 @@ class Check:
         if self.openings:
             table = Table("opening", Column(f"{size[2]} {size[3]}", justify="right"), "normal", "centre mm")
             for opening in self.openings:
-                table.add_row(opening.name, f"{_in_mm(opening.area, size[3]):.5g}", _triple(opening.normal, ".3f"),
+                table.add_row(opening.name, f"{_in_mm(opening.area, size[3]):.5g}", _triple(opening.normal, "z.3f"),
                               _triple(from_si(opening.centre, "mm").round(9), ".4g"))  # fmt: skip
             parts.append(table)
         facts = Table.grid("", "", padding=(0, 2))
@@ -95,7 +95,7 @@ def _in_mm(value: float, unit: str) -> float:
 
 
 def _triple(values: Array, form: str) -> str:
-    return f"({', '.join(format(float(value) + 0.0, form) for value in values)})"
+    return f"({', '.join(format(float(value), form) for value in values)})"
 
 
 def check(case: Case, folder: Path) -> Check:
@@ -164,7 +164,7 @@ def _facts(case: Case, domain: Domain, system: System) -> dict[str, str]:
     iterates = backend in ("p_multigrid", "fieldsplit")
     (memory, grows), (step, slows) = COSTS["p_multigrid" if iterates else ""]
     ratio = solved / MEASURED
-    steps = 1 if case.time.scheme == "static" else round(case.time.end / case.time.step)
+    steps = case.time.steps
     minutes = step * ratio**slows * (steps + AT_REST) / 60
     kinds = ", ".join(f"{count:,} {kind}" for kind, count in statistics["elements_by_type"].items())
     shortest, longest = (in_unit(float(length), "mm", ".3g") for length in (lengths.min(), lengths.max()))
