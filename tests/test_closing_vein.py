@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ from ngfsi_studies.closing_vein import (
     BASE,
     LEVELS,
     POINTS,
+    Designed,
     Result,
     case,
     closing_case,
@@ -103,3 +105,34 @@ def test_the_stored_report_is_that_of_the_stored_numbers() -> None:
     text = (DOCS / "closing_vein" / "report.md").read_text(encoding="utf-8")
     for part in (closing_vein.answer, closing_vein.table, closing_vein.comparison):
         assert part(results) in text
+
+
+def test_all_factors_at_once() -> None:
+    """Of six veins the loss grows with the ratio of the axes, and falls with the pressure of the blood, exactly."""
+    made = [Designed(k, [0.6, 1.2, 0.7, 1.1, 0.8, 1.0][k], 10.0 - k, [3, 1, 2, 5, 4, 6][k], [1, 6, 2, 5, 3, 4][k],
+                     0.1 * (k + 1), 2.0) for k in range(6)]  # fmt: skip
+    said = closing_vein.spread(made)
+    assert said.startswith("6 veins spread evenly over ratio of the axes 1.5 to 4.5, thickness of the wall [mm] 0.5 to")
+    assert "they lose 10 to 60 %, half of them more than 35 %." in said
+    assert "ratio of the axes +1.00" in said
+    assert "pressure of the blood -1.00" in said
+    assert "Young's modulus of the wall +0.77" in said
+
+
+def test_the_design_is_in_its_ranges() -> None:
+    for one in closing_vein.design(LEVELS["paper"]).values():
+        assert 1.5 <= one.geometry.aspect_ratio <= 4.5
+        assert 2 * MMHG <= one.loads.outlet_pressure(0.0) <= 15 * MMHG
+
+
+def test_opening_again_and_compliance() -> None:
+    """The area at the highest pressure and at last over that at rest; (A(15) - A(5)) / (10 mmHg A(10))."""
+    series = {
+        "skin_pressure_mean_Pa": np.array([0.0, 50.0, 120.0, 30.0, 0.0]),
+        "lumen_area_mean_m2": np.array([4.0, 2.0, 0.5, 0.4, 3.9]),
+    }
+    assert closing_vein._reopened(SimpleNamespace(series=series)) == pytest.approx((0.125, 0.975), rel=1e-12)
+    areas = {"blood_5": 0.9, BASE: 1.0, "blood_15": 1.2}
+    veins = {key: replace(RESULTS[BASE], area_start_m2=area) for key, area in areas.items()}
+    assert closing_vein.compliance(veins) == pytest.approx(0.03, rel=1e-12)
+    assert "is 0.0300 of its area per mmHg" in closing_vein.answer({**RESULTS, **veins})

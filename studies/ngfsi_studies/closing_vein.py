@@ -135,6 +135,9 @@ RANGES = {
 }
 """Of the factors that are varied at once: shapes between the source's round vein and what else is computed here; walls
 of half and twice the source's; its blood pressures; bulk moduli from its calibration to those of the group quoted."""
+VARIED = ("ratio of the axes", "thickness of the wall [mm]", "pressure of the blood [mmHg]",
+          "Young's modulus of the wall [kPa]", "K of the tissue [kPa]")  # fmt: skip
+"""The same in words."""
 SEED = 7
 
 
@@ -412,17 +415,18 @@ def spread(designed: Sequence[Designed]) -> str:
     """Return what all factors at once make of the loss, and which of them it follows, in sentences."""
     losses = np.array([one.loss_1 for one in designed])
     lowest, middle, highest = 100 * np.quantile(losses, (0, 0.5, 1))
-    ranges = ", ".join(f"{name.rpartition('.')[2]} of {name.split('.')[1]} {low:g} to {high:g}"
-                       if name.count(".") == 2 else f"{name.rpartition('.')[2]} {low:g} to {high:g}"
-                       for name, (low, high) in RANGES.items())  # fmt: skip
-    said = f"{len(designed)} veins spread evenly over {ranges}: they lose {lowest:.0f} to {highest:.0f} %, " \
-           f"half of them more than {middle:.0f} %."  # fmt: skip
+    ranges = ", ".join(f"{what} {low:g} to {high:g}" for what, (low, high) in zip(VARIED, RANGES.values(), strict=True))
+    said = (
+        f"{len(designed)} veins spread evenly over {ranges}: they lose {lowest:.0f} to {highest:.0f} %, half of them "
+        f"more than {middle:.0f} %."
+    )
     names = list(asdict(designed[0]))[: len(RANGES)]
     if len(designed) > len(names):
         from scipy.stats import spearmanr
 
-        ranks = {name: float(spearmanr([getattr(one, name) for one in designed], losses).statistic) for name in names}
-        listed = ", ".join(f"{name} {rank:+.2f}" for name, rank in sorted(ranks.items(), key=lambda n: -abs(n[1])))
+        ranks = [float(spearmanr([getattr(one, name) for one in designed], losses).statistic) for name in names]
+        named = sorted(zip(VARIED, ranks, strict=True), key=lambda pair: -abs(pair[1]))
+        listed = ", ".join(f"{what.partition(' [')[0]} {rank:+.2f}" for what, rank in named)
         said += f" Rank correlation of the loss with each (Spearman): {listed}."
     return said + "\n"
 
