@@ -202,7 +202,8 @@ def table(results: dict[str, dict[str, float]]) -> str:
     """Return all devices."""
     shown = {name: Shown(*of) for name, of in SHOWN.items()}
     cells = [
-        (DEVICES[key].title, *(f"{of(row[name]):.3g}" for name, of in shown.items())) for key, row in results.items()
+        (DEVICES[key].title, *(f"{of(row[name]):.3g}".replace("nan", "") for name, of in shown.items()))
+        for key, row in results.items()
     ]
     return markdown_table(("device", *(of.label for of in shown.values())), cells)
 
