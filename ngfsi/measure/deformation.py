@@ -27,7 +27,8 @@ class Deformation:
         self._strain = in_3d(system.deformation_gradient(), 1.0)
         self._laws = {name: system.case.materials.law_of(name) for name in self._solids}
         self._resistance = {name: Ellipticity(law) for name, law in self._laws.items() if law.isotropic}
-        self._fibred = {name: model for name, model in system.solids.items() if isinstance(model, Fibred)}
+        at_rest = {name: model.at_rest for name, model in system.solids.items()}
+        self._fibred = {name: model for name, model in at_rest.items() if isinstance(model, Fibred)}
         self._in_all = {name: EllipticityInAllDirections(model.law) for name, model in self._fibred.items()}
         points = rules(2 * system.unknowns.order)
         self._place = ng.CF((ng.x, ng.y, ng.z)[: domain.mesh.dim]) + motion

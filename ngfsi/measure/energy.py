@@ -39,6 +39,15 @@ class Energy:
         self._stored = [terms.stored_energy(model, F, G) * domain.dx(n) for n, model in system.solids.items()]
         self._kinetic = [m.density / 2 * InnerProduct(rate, rate) * domain.dx(n) for n, m in system.solids.items()]
         self._heat: list[Any] = []
+        self._held: list[Any] = []
+        self._holding: list[Any] = []
+        volume = 1.0 if G is None else ng.Det(G)
+        for name, model in system.solids.items():
+            if held := model.held():
+                dx = domain.dx(name, bonus_intorder=2 * order)
+                self._held.append(held.energy / volume * dx)
+                self._holding.append(held.rate / volume * dx)
+                self._heat.append(held.dissipation / volume * dx)
         self._excess: list[Any] = []
         self._carried: list[Any] = []
         if domain.lumens:
@@ -47,7 +56,7 @@ class Energy:
             energy, blood = rho / 2 * InnerProduct(u, u), domain.dx(*domain.lumens, bonus_intorder=2 * order)
             stress = terms.viscous_stress(system.blood, k, f.grad_velocity)
             self._kinetic.insert(0, k.J * energy * blood)
-            self._heat = [InnerProduct(stress * k.cof, f.grad_velocity) * blood]
+            self._heat.append(InnerProduct(stress * k.cof, f.grad_velocity) * blood)
             self._excess = [energy * InnerProduct(k.cof, f.grad_velocity) * blood]
             openings = domain.ds(*(n for v in domain.vessels for n in v.openings), bonus_intorder=2 * order)
             flux = terms.relative_flux(k, f.relative, ng.specialcf.normal(domain.mesh.dim))
@@ -57,8 +66,8 @@ class Energy:
                        if (found := condition.integrals(None))}  # fmt: skip
 
     def stored(self) -> float:
-        """Return the energy of the solids (J)."""
-        return self._sum(self._stored)
+        """Return the energy of the solids, their internal variables included (J)."""
+        return self._sum(self._stored) + self._sum(self._held)
 
     def kinetic(self) -> float:
         """Return the kinetic energy of solids and blood (J)."""
@@ -69,7 +78,7 @@ class Energy:
         return self._sum(self._excess)
 
     def dissipation(self) -> float:
-        """Return the power that the blood's viscosity turns into heat (W)."""
+        """Return the power that the viscosity of blood and solids turns into heat (W)."""
         return self._sum(self._heat)
 
     def carried(self) -> float:
@@ -108,10 +117,11 @@ class Energy:
         for side in (1, -1):
             for field, value, change in zip(fields, before, changes, strict=True):
                 field.vec.FV().NumPy()[:] = value + side * span * change
-            energies.append(self.stored() + self.kinetic())
+            energies.append(self._sum(self._stored) + self.kinetic())
         for field, value in zip(fields, before, strict=True):
             field.vec.FV().NumPy()[:] = value
-        return (energies[0] - energies[1]) / (2 * span)
+        # internal variables have rates of their own
+        return (energies[0] - energies[1]) / (2 * span) + self._sum(self._holding)
 
     def _of_prescribed(self, condition: Condition, lacking: Array, velocity: Any) -> float:
         """Return the power of the force that makes prescribed unknowns what they are."""

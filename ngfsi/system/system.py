@@ -39,6 +39,8 @@ cof(F) : grad u. It is free on hexahedra of order 2, and the balance closes to 1
 rounding, but doubles the cost of the Jacobian and changes the mean wall shear by 6e-4."""
 SLOWEST = 0.01
 """Flow by which changes of the velocity are judged at least while the solids move, over the blood's volume (1/s)."""
+BEFORE = "before"
+"""Name of the last accepted state among what is stored, where a model of a solid needs it."""
 ROUNDING = 1e-13
 """Forces below this fraction of modulus times size squared are rounding: those of a nanopascal on the skin."""
 
@@ -126,8 +128,28 @@ class System:
         law = self.case.materials.law_of(region)
         if self._small:
             return SmallStrain(law)
-        F = in_3d(self.deformation_gradient(), 1.0)
-        return law.bind(Place(self.domain, region, self.unknowns.order, F, self.step))
+        F = self._gradient(self.state, region)
+        order, rate = self.unknowns.order, partial(self._rate, region)
+        return law.model(Place(self.domain, region, order, F, self.step, partial(self._before, region), rate))
+
+    def _before(self, region: str) -> Any:
+        """Return F of a solid in the last accepted state, which is kept from now on."""
+        return self._gradient(self._stored.setdefault(BEFORE, GridFunction(self.unknowns.space)), region)
+
+    def _rate(self, region: str, F: Any) -> Any:
+        """Return dF/dt (1/s) of a solid for an F at the end of the step."""
+        history, relaxation = self.velocity_history, self.stress_free_gradient()
+        start, old = ng.Id(self.domain.mesh.dim), ng.Grad(history.components[0])
+        if relaxation is not None:
+            start, old = relaxation, old * relaxation
+        across = self.named(history)[STRETCH] if region in self.case.conditions.plane_stress else 0
+        return self.new_weight * (F - in_3d(start, 1)) + in_3d(old, across)
+
+    def _gradient(self, state: GridFunction, region: str) -> Any:
+        """Return F (3x3) of a solid in a state, from the shape free of stress, with the stretch across the plane."""
+        F, relaxation = Kinematics(ng.Grad(state.components[0])).F, self.stress_free_gradient()
+        across = 1 + self.named(state)[STRETCH] if region in self.case.conditions.plane_stress else 1
+        return in_3d(F if relaxation is None else F * relaxation, across)
 
     def named(self, field: GridFunction) -> dict[str, Any]:
         """Return the components of a grid function of all unknowns by name of the field."""
@@ -187,8 +209,7 @@ class System:
 
     def deformation_gradient_3d(self) -> dict[str, Any]:
         """Return F of each solid as a tensor in 3-D, with the stretch across the plane."""
-        F, stressed = self.deformation_gradient(), self.case.conditions.plane_stress
-        return {name: in_3d(F, 1 + self.named(self.state)[STRETCH] if name in stressed else 1) for name in self.solids}
+        return {name: self._gradient(self.state, name) for name in self.solids}
 
     def stress_free_gradient(self) -> Any | None:
         """G = dX/dX0 where the reference shape is prestressed: inverse of I + grad(X0 - X)."""
@@ -250,10 +271,11 @@ class System:
 
     def work_integrals(
         self, name: str, F: Any, grad_v: Any, relaxation: Any | None, across: tuple[Any, Any] = (1, 0),
-        elements: ng.BitArray | None = None,
+        elements: ng.BitArray | None = None, *, at_rest: bool = False,
     ) -> list[Integral]:  # fmt: skip
-        """Return the virtual work of a solid's stresses, at all integration points first."""
+        """Return the virtual work of a solid's stresses, or those left at rest, at all integration points first."""
         order, model = self.unknowns.order, self.solids[name]
+        model = model.at_rest if at_rest else model
         dx = partial(self.domain.dx, name, definedonelements=elements)
         measure = dx(intrules=self._rules(2 * order))
         if self.case.discretisation.bulk_integration == "full":
@@ -274,7 +296,8 @@ class System:
             m, v: motion and test function of the space of the motion alone.
         """
         F, relaxation = Kinematics(ng.Grad(m)).F, self.stress_free_gradient()
-        found = [i for name in self.solids for i in self.work_integrals(name, F, ng.Grad(v), relaxation)]
+        found = [i for name in self.solids
+                 for i in self.work_integrals(name, F, ng.Grad(v), relaxation, at_rest=True)]  # fmt: skip
         return [*found, *(i for condition in self.conditions.values() for i in condition.static_integrals(m, v))]
 
     def blood_integrals(self, elements: ng.BitArray | None = None, *, linearised: bool = False) -> list[Integral]:
@@ -340,6 +363,8 @@ class System:
         """Take note that the present state is accepted, and a new step begins."""
         for _, part in self._with_memory():
             part.accept()
+        if before := self._stored.get(BEFORE):
+            before.vec.data = self.state.vec
 
     def _with_memory(self) -> list[tuple[str, Any]]:
         """Return conditions and models, which may depend on more than case and state, by name."""

@@ -233,6 +233,23 @@ def _blemker() -> Outcome:
     return np.array([*found, shear[2]]), np.array([*wanted, 2 * shear[0]])
 
 
+@entry("SolidLaw.viscosity", "SolidViscosity.moduli", "SolidViscosity.times", "SolidViscosity.kelvin_voigt", rel=1e-7)
+def _solid_viscosity() -> Outcome:
+    """A jump from rest within 2 s, which makes G tau/h (1 - e^(-h/tau)), and a rate of 3 1/s of the whole motion."""
+    viscous: dict[str, Any] = {"moduli_kPa": [9, 5], "times_ms": [500, 4000], "kelvin_voigt_Pa_s": 70}
+    table = {**SVK.to_toml_dict(), "viscosity": viscous}
+    system = system_of(case_of(TUBE, **{"materials.tissue": table}))
+    system.step.Set(2.0)
+    system.new_weight.Set(3.0)
+    set_motion(system, ng.CF(tuple((F - np.eye(3)).ravel().tolist()), dims=(3, 3)) * position())
+    found = np.array(system.cauchy_stress("tissue")(system.domain.mesh(10e-3, 1e-4, 5e-3))).reshape(3, 3)
+    C, L = F.T @ F, F.T @ (3 * (F - np.eye(3)))
+    rate = J ** (-2 / 3) * (L + L.T - 2 / 3 * np.trace(np.linalg.inv(C) @ L) * C)
+    jump = 9e3 / 4 * (1 - np.exp(-4)) + 5e3 * 2 * (1 - np.exp(-0.5))
+    Q = jump * (J ** (-2 / 3) * C - np.eye(3)) + 70 * rate
+    return found - stress(SVK), J ** (-5 / 3) * deviator(F @ Q @ F.T)
+
+
 @entry("LinearAtRest.young", rel=1e-7)
 def _young() -> Outcome:
     return stress(SVK.replace(young=60e3)), 2 * stress(SVK)

@@ -8,7 +8,7 @@ the same everywhere and remembers nothing, else a model that knows places, direc
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -17,6 +17,7 @@ from pydantic import Field
 
 from ngfsi.arrays import Array
 from ngfsi.materials.law import Law
+from ngfsi.materials.solid.viscosity import Held, Overstress, SolidViscosity
 from ngfsi.mesh.domain import Domain
 from ngfsi.units import Density
 
@@ -33,6 +34,8 @@ class Place:
         order: polynomial order of the displacement.
         F: deformation gradient (3x3) of the present state from the shape that is free of stress.
         step: size of the step that is being taken (s); infinite at rest.
+        before: returns F of the last accepted state, at the start of that step, which the system keeps once asked.
+        rate: returns dF/dt (1/s) of the time scheme for an F at the end of the step.
     """
 
     domain: Domain
@@ -40,6 +43,8 @@ class Place:
     order: int
     F: CoefficientFunction
     step: Parameter
+    before: Callable[[], CoefficientFunction]
+    rate: Callable[[CoefficientFunction], CoefficientFunction]
 
     @property
     def mesh(self) -> Any:
@@ -78,6 +83,15 @@ class SolidModel(ABC):
         strain = F.MakeVariable()
         return self.energy(strain).Diff(strain, H)
 
+    @property
+    def at_rest(self) -> SolidModel:
+        """The model of what is left of the stresses at rest."""
+        return self
+
+    def held(self) -> Held | None:
+        """Return what internal variables hold and turn into heat in the present state, if there are any."""
+        return None
+
     def accept(self) -> None:  # noqa: B027 - most models remember nothing
         """Take note that the state is accepted: internal variables take their new values as a step begins."""
 
@@ -93,12 +107,18 @@ class SolidLaw(Law, SolidModel):
     """A law of solids."""
 
     density: Density = Field(ge=0)
+    viscosity: SolidViscosity | None = None
     isotropic: ClassVar[bool] = False
     """Whether the energy is one of the principal stretches alone: then its ellipticity is checked in a run."""
 
     def bind(self, _place: Place) -> SolidModel:
-        """Return the model of a region."""
+        """Return the model of a region at rest."""
         return self
+
+    def model(self, place: Place) -> SolidModel:
+        """Return the model of a region, with the viscosity."""
+        elastic = self.bind(place)
+        return elastic if self.viscosity is None else Viscous(elastic, Overstress(self.viscosity, place))
 
     @property
     def shear_modulus(self) -> float | None:
@@ -121,6 +141,41 @@ class SolidLaw(Law, SolidModel):
         """Initial Poisson ratio, where there are moduli."""
         G, K = self.shear_modulus, self.bulk_modulus
         return None if G is None or K is None else (3 * K - 2 * G) / (2 * (3 * K + G))
+
+
+class Viscous(SolidModel):
+    """A solid with viscosity: a hyperelastic model and an overstress."""
+
+    def __init__(self, elastic: SolidModel, over: Overstress) -> None:
+        self.density, self._elastic, self._over = elastic.density, elastic, over
+
+    @property
+    def at_rest(self) -> SolidModel:
+        return self._elastic
+
+    def energies(self, F: CoefficientFunction) -> Pair:
+        return self._elastic.energies(F)
+
+    def variations(self, F: CoefficientFunction, H: CoefficientFunction) -> Pair:
+        rest, bulk = self._elastic.variations(F, H)
+        return rest + self._over.work(F, H), bulk
+
+    def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
+        return self._elastic.variation(F, H) + self._over.work(F, H)
+
+    def held(self) -> Held:
+        return self._over.held()
+
+    def accept(self) -> None:
+        self._elastic.accept()
+        self._over.accept()
+
+    def state_arrays(self) -> dict[str, Array]:
+        return self._elastic.state_arrays() | self._over.state_arrays()
+
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
+        self._elastic.restore_state(arrays)
+        self._over.restore_state(arrays)
 
 
 def right_cauchy_green(F: CoefficientFunction) -> CoefficientFunction:

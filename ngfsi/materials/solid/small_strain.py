@@ -18,8 +18,10 @@ class SmallStrain(SolidModel):
         """Take the moduli of a law.
 
         Raises:
-            MaterialError: it has none.
+            MaterialError: it has none, or has a viscosity.
         """
+        if law.viscosity is not None:
+            raise MaterialError(f"law '{law.law}' has a viscosity, which small strain has not: use strain = 'finite'")
         if law.shear_modulus is None or law.bulk_modulus is None:
             raise MaterialError(f"law '{law.law}' has no initial moduli for small strain: use strain = 'finite'")
         self.density, self._shear, self._bulk = law.density, law.shear_modulus, law.bulk_modulus
