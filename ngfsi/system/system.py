@@ -349,10 +349,16 @@ class System:
 
     def set_rates(self, weights: Weights, states: tuple[Array, Array], rates: tuple[Array, Array], step: float) -> None:
         """Take the weights of a step of a size (s), and the histories of (last, second last) states and rates."""
-        self.step.Set(step)
+        self.set_step(step)
         self.new_weight.Set(weights.new)
         self.velocity_history.vec.FV().NumPy()[:] = weights.old * states[0] + weights.older * states[1]
         self.acceleration_history.vec.FV().NumPy()[:] = weights.old * rates[0] + weights.older * rates[1]
+
+    def set_step(self, size: float) -> None:
+        """Take the size of the step that is being taken (s)."""
+        self.step.Set(size)
+        for model in self.solids.values():
+            model.take_step(size)
 
     def set_steady(self) -> None:
         """Let all rates vanish."""
@@ -390,6 +396,7 @@ class System:
             field.vec.FV().NumPy()[:] = snapshot[name]
         for parameter, value in zip(self._parameters, snapshot["parameters"], strict=True):
             parameter.Set(float(value))
+        self.set_step(self.step.Get())
         for name, part in self._with_memory():
             part.restore_state({key.removeprefix(f"{name}."): array for key, array in snapshot.items()
                                 if key.startswith(f"{name}.")})  # fmt: skip

@@ -16,8 +16,11 @@ from scipy.integrate import quad
 from ngfsi.arrays import Array
 from ngfsi.case import Conditions
 from ngfsi.errors import MaterialError, StoppedError
+from ngfsi.materials.solid.directions import ConstantDirection
+from ngfsi.materials.solid.holzapfel_gasser_ogden import HolzapfelGasserOgden
 from ngfsi.materials.solid.mooney_rivlin import MooneyRivlin
 from ngfsi.materials.solid.viscosity import SolidViscosity
+from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.energy import Energy
 from ngfsi.mesh.domain import Domain
 from ngfsi.run import resume, run
@@ -74,7 +77,7 @@ def followed(law: Any, path: Path_, times: Array) -> Iterator[System]:
     deform(motion, path(times[0]) - I)
     for before, now in pairwise(times):
         system.accept()
-        system.step.Set(now - before)
+        system.set_step(now - before)
         deform(motion, path(now) - I)
         deform(rate, (path(now + 1e-5) - path(now - 1e-5)) / 2e-5)
         yield system
@@ -211,6 +214,14 @@ def test_at_rest_the_law_alone_is_left() -> None:
     elastic = system_of(ALL.replace(viscosity=None))
     deform(elastic.motion, stretched(END) - I)
     assert cauchy(system) == pytest.approx(cauchy(elastic), rel=1e-9, abs=1e-6)
+
+
+def test_fibres_with_viscosity_have_their_ellipticity_checked() -> None:
+    law = HolzapfelGasserOgden(fibres=(ConstantDirection(vector=(1.0, 0.0, 0.0)),), K=80e3, c=9e3, k1=7e3, k2=2.3,
+                               kappa=0.1, density=1060.0, viscosity=PRONY)  # fmt: skip
+    system = system_of(law)
+    deform(system.motion, np.diag([0.2, 0.0, 0.0]))
+    assert not Deformation(system).approaching()
 
 
 def test_refusals() -> None:

@@ -14,6 +14,7 @@ from ngfsi.case import Cuff, TimeStepping
 from ngfsi.conditions import BodyForce, Condition
 from ngfsi.config.functions import FlowSmoothRamp, PressureSmoothRamp
 from ngfsi.linear.backends import choose_backend
+from ngfsi.materials.solid.viscosity import SolidViscosity
 from ngfsi.measure.energy import Energy
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
@@ -79,6 +80,18 @@ def test_balance_at_each_instant() -> None:
     powers = now.powers()
     assert all(abs(powers[name]) > 1e-3 * size for name in (*IN_CUFFS, "inlet", "body force"))
     assert now.skin_power(powers) == pytest.approx(skin_power(now.system), rel=1e-9)
+
+
+def test_balance_at_each_instant_with_viscous_tissue() -> None:
+    """Internal variables hold energy and turn it into heat, in a shape that is not free of stress."""
+    viscosity = SolidViscosity(moduli=(20e3, 5e3), times=(0.05, 0.5), kelvin_voigt=50.0)
+    changes = {"materials.tissue": TISSUE.replace(viscosity=viscosity), "conditions.initial_state": "prestress"}
+    first, *_, last = (
+        (*balance(now), now.rate(), now.dissipation()) for now in states(END / 3, **{"loads.cuffs": CUFFS, **changes})
+    )
+    rate, size, found, heat = last
+    assert found == pytest.approx(rate, abs=2e-5 * size)
+    assert heat - first[3] > 0.02 * size
 
 
 def skin_power(system: System) -> float:

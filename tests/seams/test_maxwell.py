@@ -16,6 +16,7 @@ from ngfsi.conditions.condition import ConditionModel
 from ngfsi.errors import StoppedError
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials.solid.law import Pair, Place, SolidLaw, SolidModel
+from ngfsi.materials.solid.viscosity import SolidViscosity
 from ngfsi.mesh.domain import Domain
 from ngfsi.registry import register
 from ngfsi.run import resume, run
@@ -153,16 +154,20 @@ def test_relaxation_is_exact() -> None:
         assert over == pytest.approx(STRETCH * S * np.exp(-(step.time - STEP) / TAU), rel=1e-9, abs=0)
 
 
+VISCOUS = CASE.replace(**{"materials.solid.viscosity": SolidViscosity(moduli=(9e3, 3e3), times=(0.3, 0.05))})
+"""With ngfsi's own viscosity beside the element of this file."""
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return run(CASE, tmp_path_factory.mktemp("maxwell") / "run", quiet=True).path
+    return run(VISCOUS, tmp_path_factory.mktemp("maxwell") / "run", quiet=True).path
 
 
 def test_resumed_it_is_the_same_run(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = iter([None, None, StoppedError("stopped by the test"), *[None] * 9])
     monkeypatch.setattr(Stops, "request", lambda _: next(asked))
     with pytest.raises(StoppedError):
-        run(CASE, tmp_path / "run", quiet=True)
+        run(VISCOUS, tmp_path / "run", quiet=True)
     resume(tmp_path / "run", quiet=True)
     one, other = open_run(tmp_path / "run").series, open_run(whole).series
     for name, values in other.items():
@@ -173,7 +178,7 @@ def test_two_ranks_give_the_same(whole: Path, tmp_path: Path) -> None:
     from tests.test_ranks import mpirun  # not where the ranks import this file
 
     file = tmp_path / "case.toml"
-    file.write_text(CASE.to_toml())
+    file.write_text(VISCOUS.to_toml())
     # the law is in this file, and pytest not in that environment
     before = "from unittest.mock import MagicMock\nsys.modules['pytest'] = MagicMock()\nimport tests.seams.test_maxwell"
     ended = mpirun(2, "run", str(file), "--output", str(tmp_path / "run"), "-q", before=before)

@@ -239,7 +239,7 @@ def _solid_viscosity() -> Outcome:
     viscous: dict[str, Any] = {"moduli_kPa": [9, 5], "times_ms": [500, 4000], "kelvin_voigt_Pa_s": 70}
     table = {**SVK.to_toml_dict(), "viscosity": viscous}
     system = system_of(case_of(TUBE, **{"materials.tissue": table}))
-    system.step.Set(2.0)
+    system.set_step(2.0)
     system.new_weight.Set(3.0)
     set_motion(system, ng.CF(tuple((F - np.eye(3)).ravel().tolist()), dims=(3, 3)) * position())
     found = np.array(system.cauchy_stress("tissue")(system.domain.mesh(10e-3, 1e-4, 5e-3))).reshape(3, 3)

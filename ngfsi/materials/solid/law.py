@@ -92,6 +92,9 @@ class SolidModel(ABC):
         """Return what internal variables hold and turn into heat in the present state, if there are any."""
         return None
 
+    def take_step(self, step: float) -> None:  # noqa: B027
+        """Take note of the size of the step that is being taken (s), `Place.step`; infinite at rest."""
+
     def accept(self) -> None:  # noqa: B027 - most models remember nothing
         """Take note that the state is accepted: internal variables take their new values as a step begins."""
 
@@ -165,6 +168,10 @@ class Viscous(SolidModel):
 
     def held(self) -> Held:
         return self._over.held()
+
+    def take_step(self, step: float) -> None:
+        self._elastic.take_step(step)
+        self._over.take_step(step)
 
     def accept(self) -> None:
         self._elastic.accept()

@@ -17,11 +17,12 @@ Over a step h the recurrence is exact for a strain that changes evenly:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import exp, expm1
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import ngsolve as ng
 import numpy as np
-from ngsolve import CoefficientFunction, Cof, Det, IfPos, InnerProduct, exp
+from ngsolve import CoefficientFunction, Cof, Det, InnerProduct
 from pydantic import Field, model_validator
 
 from ngfsi.arrays import Array
@@ -36,8 +37,6 @@ ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Of a symmetric tensor those that are kept."""
 WHERE = (0, 1, 2, 1, 3, 4, 2, 4, 5)
 """Which of them each of the nine is."""
-SHORT = 1e-3
-"""Steps below this part of a relaxation time have the gain by its series."""
 
 
 class SolidViscosity(ConfigModel):
@@ -84,10 +83,20 @@ class Overstress:
         self._fields = [ng.GridFunction(space) for _ in viscosity.moduli]
         self._Q = [ng.CF(tuple(field[k] for k in WHERE), dims=(3, 3)) for field in self._fields]
         self._before = isochoric(place.before()) if self._Q else None
-        ratios = [place.step / tau for tau in viscosity.times]
-        self._decays = [_decay(ratio) for ratio in ratios]
-        self._gains = [G * _gain(ratio) for G, ratio in zip(viscosity.moduli, ratios, strict=True)]
+        # numbers that are set once a step: an exponential at each point would take a fifth of the tangent's time
+        self._decays, self._gains = ([ng.Parameter(0.0) for _ in viscosity.moduli] for _ in range(2))
+        self._slope = ng.Parameter(0.0)
+        self.take_step(place.step.Get())
         self._new = [ng.CF(tuple(one[i, j] for i, j in ENTRIES)).Compile() for one in self._elements(place.F)]
+
+    def take_step(self, step: float) -> None:
+        """Take the size of the step (s); after an infinite one the elements are relaxed."""
+        for G, tau, decay, gain in zip(
+            self._viscosity.moduli, self._viscosity.times, self._decays, self._gains, strict=True
+        ):
+            decay.Set(exp(-step / tau))
+            gain.Set(-G * expm1(-step / tau) * tau / step)
+        self._slope.Set(sum(gain.Get() for gain in self._gains))
 
     def work(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
         """Return Q : dCb/2 with the change dCb of Cb in the direction H (J/m3)."""
@@ -132,7 +141,7 @@ class Overstress:
         """Return the sum of all elements and the dashpot; the strain at F enters once."""
         found = ng.CF(0.0)
         if self._Q:
-            found = sum(self._gains) * (isochoric(F) - self._before)
+            found = self._slope * (isochoric(F) - self._before)
             for Q, decay in zip(self._Q, self._decays, strict=True):
                 found = found + decay * Q
         if self._viscosity.kelvin_voigt:
@@ -150,14 +159,3 @@ def change(F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunctio
     """Return the derivative of Cb at F in the direction H (3x3)."""
     J, once = Det(F), F.trans * H
     return J ** (-2 / 3) * (once + once.trans - 2 / 3 * InnerProduct(Cof(F), H) / J * (F.trans * F))
-
-
-def _decay(ratio: Any) -> Any:
-    """Return e^(-x), and 0 for an infinite step."""
-    return IfPos(ratio - 1e3, 0.0, exp(-ratio))
-
-
-def _gain(ratio: Any) -> Any:
-    """Return (1 - e^(-x))/x, and 0 for an infinite step."""
-    series = 1 - ratio / 2 + ratio**2 / 6 - ratio**3 / 24
-    return IfPos(ratio - 1e3, 1 / ratio, IfPos(ratio - SHORT, (1 - exp(-ratio)) / ratio, series))
