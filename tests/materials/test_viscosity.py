@@ -23,13 +23,18 @@ from ngfsi.materials.solid.viscosity import SolidViscosity
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.energy import Energy
 from ngfsi.mesh.domain import Domain
+from ngfsi.physics.fields import STRETCH
 from ngfsi.run import resume, run
 from ngfsi.run.interrupts import Stops
 from ngfsi.store import open_run
+from ngfsi.system.forms import residual_form
 from ngfsi.system.schemes import Weights
 from ngfsi.system.system import System
 from tests.seams.block import SIDE, case_of, domain
 from tests.seams.test_maxwell import Stretched, Stretching
+from tests.solve.test_statics import OUTER
+from tests.solve.test_statics import case_of as ring_case
+from tests.vein import domain_of
 
 I = np.eye(3)  # noqa: E741
 G, TAU, ETA = np.array([20e3, 6e3]), np.array([0.4, 0.05]), 300.0
@@ -214,6 +219,40 @@ def test_at_rest_the_law_alone_is_left() -> None:
     elastic = system_of(ALL.replace(viscosity=None))
     deform(elastic.motion, stretched(END) - I)
     assert cauchy(system) == pytest.approx(cauchy(elastic), rel=1e-9, abs=1e-6)
+
+
+def test_stiffness_for_stability_is_that_at_rest() -> None:
+    *_, system = followed(ALL, stretched, np.linspace(0, END, 4))
+    elastic = system_of(ALL.replace(viscosity=None))
+    deform(elastic.motion, stretched(END) - I)
+    forces = []
+    for one in (system, elastic):
+        space = one.unknowns.space.components[0]
+        form, found = residual_form(space, one.static_integrals(*space.TnT())), one.motion.vec.CreateVector()
+        form.Apply(one.motion.vec, found)
+        forces.append(np.array(found.FV().NumPy()))
+    np.testing.assert_allclose(*forces, rtol=1e-9, atol=1e-9 * np.abs(forces[1]).max())
+
+
+def test_plane_stress() -> None:
+    """The stretch across the plane is strain as any other, now and before."""
+    F, h, later = np.array([[1.2, 0.1, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, 1.1]]), 0.02, 0.1
+    found = []
+    for viscosity in (PRONY, None):
+        case = ring_case("tibia", plane_stress=("tissue",))
+        case = case.replace(**{"materials.tissue": LAW.replace(viscosity=viscosity)})
+        system = System(case, domain_of(case.geometry))
+        system.accept()
+        system.motion.Set(ng.CF((0.2 * ng.x + 0.1 * ng.y, -0.1 * ng.y)))
+        system.named(system.state)[STRETCH].Set(0.1)
+        system.set_step(h)
+        system.accept()
+        system.set_step(later)
+        at = system.domain.mesh(0.9 * OUTER, 0)
+        found.append(np.array(system.cauchy_stress("tissue")(at)).reshape(3, 3))
+    left = np.sum(G * TAU / h * (1 - np.exp(-h / TAU)) * np.exp(-later / TAU))
+    exact = pushed(F, left * (isochoric(F) - I))
+    assert found[0] - found[1] == pytest.approx(exact, rel=1e-8, abs=1e-8 * G[0])
 
 
 def test_fibres_with_viscosity_have_their_ellipticity_checked() -> None:
