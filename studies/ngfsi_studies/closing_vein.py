@@ -95,9 +95,8 @@ def _posture(posture: Posture) -> dict[str, Any]:
 
 BASE = "oval"
 UPRIGHT = ("sitting", "standing")
-"""Veins that measurements in the same posture are compared with; all others are compared with those of lying legs. Of
-standing ones there is none: under 82 mmHg of blood no shape free of stress is found, from which M tissue would take on
-the given one."""
+"""Postures of which there is no vein, and which the others are not compared with. Under 49 mmHg of blood equilibria are
+found, but no course in time; under 82 mmHg no shape free of stress, from which M tissue would take on the given one."""
 POINTS = {
     BASE: Point("3.2 : 1", closes=60, reopens=True),
     "round": Point("round", {"geometry.aspect_ratio": 1.0}, closes=60, reopens=True),
@@ -108,7 +107,6 @@ POINTS = {
     "blood_5": Point("blood at 5 mmHg", _blood(5), closes=60),
     "blood_15": Point("blood at 15 mmHg", _blood(15), closes=60),
     "lying": Point("lying, of this shape under its blood", _posture("lying"), closes=60),
-    "sitting": Point("sitting, of this shape under its blood", _posture("sitting"), closes=90),
     "wall_soft": Point("wall half as stiff", {"materials.wall": WALL.replace(young=66.5e3)}),
     "wall_stiff": Point("wall twice as stiff", {"materials.wall": WALL.replace(young=266e3)}),
     "wall_thin": Point("wall of 0.5 mm", {"geometry.wall_thickness": 0.5e-3}),
@@ -273,7 +271,7 @@ class Measured(NamedTuple):
     load: str
     low: float
     high: float
-    upright: str = ""
+    upright: bool = False
 
     @property
     def range(self) -> str:
@@ -296,7 +294,7 @@ def measured(name: str) -> list[Measured]:
                     one["load"],
                     low,
                     high,
-                    posture if posture in UPRIGHT else "",
+                    posture in UPRIGHT,
                 )
             )
     return found
@@ -354,7 +352,7 @@ def answer(results: Mapping[str, Result]) -> str:
         f"{', '.join(one.range for one in measured('loss_percent'))} %; on the source's images of a subject "
         f"{tables('compare_tissues')['volume_reduction_percent']['measured']:g} %.",
     ]
-    others = (BASE, "round", *UPRIGHT)
+    others = (BASE, "round")
     physical = [one for key, one in results.items() if not POINTS[key].numerical and key not in others]
     if physical:
         least, most = min(physical, key=lambda one: one.loss_1), max(physical, key=lambda one: one.loss_1)
@@ -461,7 +459,7 @@ def _if_known(value: float, spec: str) -> str:
 
 
 def comparison(results: Mapping[str, Result]) -> str:
-    """Return what others measured beside the range of the veins in the same posture."""
+    """Return what others measured in lying legs beside the range of all veins."""
     oval = results.get(BASE)
     found: dict[str, tuple[str, Callable[[Result], float]]] = {
         "loss_percent": ("loss %", lambda one: 100 * one.loss_1),
@@ -475,15 +473,17 @@ def comparison(results: Mapping[str, Result]) -> str:
     cells = []
     for name, (what, value) in found.items():
         for one in measured(name):
-            numbers = [value(own) for own in results.values() if (own.key if own.key in UPRIGHT else "") == one.upright]
+            numbers = [] if one.upright else [value(own) for own in results.values()]
             if numbers := [number for number in numbers if np.isfinite(number)]:
                 low, high = min(numbers), max(numbers)
                 cells.append((one.who, one.load, what, one.range, _from_to(low, high),
                               "yes" if low <= one.high and one.low <= high else "no"))  # fmt: skip
-    head = ("who", "load", "what", "measured", "computed, veins in that posture", "do they meet")
+    head = ("who", "load", "what", "measured", "computed, all veins above", "do they meet")
     return (
-        markdown_table(head, cells) + "\nNo number of the model was fitted to these. Standing legs are not computed: "
-        "under 82 mmHg of blood no shape free of stress is found from which M tissue would take on the given one.\n"
+        markdown_table(head, cells)
+        + "\nNo number of the model was fitted to these. Legs of those who sit or stand are "
+        "not computed: under 49 mmHg of blood M tissue has equilibria but no course in time, under 82 mmHg there is no "
+        "shape free of stress from which it would take on the given one.\n"
     )
 
 
