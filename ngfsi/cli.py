@@ -12,11 +12,12 @@ import sys
 import tempfile
 import tomllib
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -25,6 +26,9 @@ from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError
 from ngfsi.parallel.ranks import Ranks, all_ranks, launched
 from ngfsi.process import INTERRUPTED
 from ngfsi.units import Shown, seconds
+
+if TYPE_CHECKING:
+    from ngfsi.store import StoredRun
 
 SHARED = ("run", "resume")
 """Commands of which several ranks share the work."""
@@ -79,6 +83,8 @@ MaxWall = Annotated[
     ),
 ]  # fmt: skip
 
+Errors = Annotated[bool, typer.Option("--error", help="Estimate the error from space and time.")]
+
 
 @app.command()
 def run(
@@ -87,7 +93,7 @@ def run(
     quiet: Quiet = False,
     max_wall: MaxWall = None,
     changes: Changes = None,
-    error: Annotated[bool, typer.Option("--error", help="Estimate the error from space and time.")] = False,
+    error: Errors = False,
     _: Plugin = None,
 ) -> None:
     """Compute a case.
@@ -110,12 +116,10 @@ def run(
         _say(f"warning: {sentence}")
     folder = output or Path("runs") / chosen.name
     with _interruptible(folder):
-        found = compute(chosen, folder, quiet=quiet, max_wall=max_wall)
         if error:
-            from ngfsi.run.estimate import estimate, told
-
-            for row in estimate(found, quiet=quiet):
-                typer.echo(told(row))
+            _with_errors(folder, quiet, max_wall, lambda **how: compute(chosen, folder, **how))
+        else:
+            compute(chosen, folder, quiet=quiet, max_wall=max_wall)
     _point_to(folder, quiet)
 
 
@@ -145,17 +149,28 @@ def check(
 
 
 @app.command()
-def resume(folder: Folder, quiet: Quiet = False, max_wall: MaxWall = None, _: Plugin = None) -> None:
+def resume(
+    folder: Folder, quiet: Quiet = False, max_wall: MaxWall = None, error: Errors = False, _: Plugin = None
+) -> None:
     """Go on with a run that was stopped or killed.
 
     From its last checkpoint, with the results of a run that was never stopped.
 
+    With --error as for ngfsi run, also of a run that is complete; what there is of the two more runs goes on.
+
     Example: ngfsi resume runs/calf --max-wall 2h
     """
+    from ngfsi.run import completed
     from ngfsi.run import resume as go_on
+    from ngfsi.store.folder import ERRORS
 
     with _interruptible(folder):
-        go_on(folder, quiet=quiet, max_wall=max_wall)
+        if error:
+            if (folder / ERRORS).exists():
+                raise OutputError(f"'{folder}' holds a run with its errors: there is nothing to resume")
+            _with_errors(folder, quiet, max_wall, lambda **how: completed(folder) or go_on(folder, **how))
+        else:
+            go_on(folder, quiet=quiet, max_wall=max_wall)
     _point_to(folder, quiet)
 
 
@@ -388,6 +403,18 @@ def parse_change(text: str) -> tuple[str, Any]:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return key.strip(), value.strip()
+
+
+def _with_errors(folder: Path, quiet: bool, max_wall: float | None, compute: Callable[..., StoredRun]) -> None:
+    """Compute a run and its errors, and print these."""
+    from ngfsi.report import terminal
+    from ngfsi.run.estimate import estimate, resumed_by
+
+    began = perf_counter()
+    found = compute(quiet=quiet, max_wall=max_wall, resumed_by=resumed_by(folder))
+    left = None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))
+    estimate(found, quiet=quiet, max_wall=left, say=_say)
+    terminal.console().print(terminal.errors(found))
 
 
 def _point_to(folder: Path, quiet: bool) -> None:

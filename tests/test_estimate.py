@@ -1,19 +1,46 @@
-"""`ngfsi run --error`: what the two companions tell, held against runs that are made here."""
+"""`ngfsi run --error`: what the two companions tell, held against the stored runs; and how it goes on when stopped."""
 
 from __future__ import annotations
 
 import csv
+import re
+import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import ngfsi.run.estimate
+from ngfsi.case import Case
 from ngfsi.cli import app
 from ngfsi.config.functions import PressureRamp
-from ngfsi.run.estimate import companions
-from ngfsi.store import open_run
+from ngfsi.errors import OutputError, SolverError, StoppedError
+from ngfsi.run.estimate import companions, estimate
+from ngfsi.run.interrupts import Stops
+from ngfsi.store import StoredRun, open_run
+from tests.output.fake import fake_run
 from tests.vein import TUBE, case_of
+
+CASE = case_of(TUBE, **{
+    "loads.skin_pressure": PressureRamp(final=300.0, duration=0.4), "time.step": 0.1, "time.end": 0.4,
+    "conditions.ends": "clamped", "output.fields_every": 0,
+})  # fmt: skip
+
+
+def called(*arguments: str) -> Any:
+    return CliRunner().invoke(app, [*arguments, "--error", "--quiet"])
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A run with its errors, and what was printed."""
+    folder = tmp_path_factory.mktemp("whole")
+    (folder / "vein.toml").write_text(CASE.to_toml())
+    result = called("run", str(folder / "vein.toml"), "-o", str(folder / "found"))
+    assert result.exit_code == 0, result.output
+    return folder / "found", result.output
 
 
 def test_companions() -> None:
@@ -30,19 +57,15 @@ def test_companions() -> None:
     assert list(companions(case.replace(**{"time.scheme": "static"}))) == ["space"]
 
 
-def test_a_run_tells_its_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_tells_its_errors(whole: tuple[Path, str]) -> None:
     """As differences to the companions at the times that both have."""
-    monkeypatch.chdir(tmp_path)
-    changes = {"loads.skin_pressure": PressureRamp(final=300.0, duration=0.4), "time.step": 0.1, "time.end": 0.4}
-    case = case_of(TUBE, **changes, **{"conditions.ends": "clamped", "output.fields_every": 0})
-    (tmp_path / "vein.toml").write_text(case.to_toml())
-    result = CliRunner().invoke(app, ["run", "vein.toml", "--error", "--quiet", "-o", "found"])
-    assert result.exit_code == 0, result.output
-    assert "Estimated error of the loss of volume at the end:" in result.output
-    with Path("found/errors.csv").open() as file:
+    folder, said = whole
+    with (folder / "errors.csv").open() as file:
         rows = {row["quantity"]: row for row in csv.DictReader(file)}
     assert list(rows) == ["loss of volume", "SAWSS", "largest wall shear stress"]
-    own, space, time = (open_run(Path("found") / name).series for name in ("", "companion_space", "companion_time"))
+    assert [row["unit"] for row in rows.values()] == ["1", "Pa", "Pa"]
+    assert all(re.search(rf"│ {quantity} ", said) for quantity in rows)
+    own, space, time = (open_run(folder / name).series for name in ("", "companion_space", "companion_time"))
     loss = [1 - one["lumen_volume_m3"] / one["lumen_volume_m3"][0] for one in (own, space, time)]
     assert float(rows["loss of volume"]["value"]) == pytest.approx(loss[0][-1], rel=1e-12)
     for name, other, every in (("space", loss[1], 1), ("time", loss[2], 2)):
@@ -51,3 +74,51 @@ def test_a_run_tells_its_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         assert float(rows["loss of volume"][f"{name}_largest_1"]) == pytest.approx(differences.max(), rel=1e-9)
     sawss = np.abs(own["sawss_Pa"][::2] - time["sawss_Pa"]) / own["sawss_Pa"].mean()
     assert float(rows["SAWSS"]["time_largest_1"]) == pytest.approx(sawss.max(), rel=1e-9)
+
+
+def test_stopped_and_resumed(whole: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the run, then in either companion: what is complete stays, the rest goes on, with the same errors."""
+    folder = tmp_path / "found"
+    (tmp_path / "vein.toml").write_text(CASE.to_toml())
+    with monkeypatch.context() as patch:
+        asked = iter([None] * 2 + ["stop"] + [None] * (3 + 2) + ["stop"] + [None] * (3 + 1) + ["stop"])
+        patch.setattr(Stops, "request", lambda _: StoppedError("stopped by the test") if next(asked) else None)
+        again = ["resume", str(folder)]
+        for command in (["run", str(tmp_path / "vein.toml"), "-o", str(folder)], again, again):
+            error = called(*command).exception
+            assert isinstance(error, StoppedError)
+            assert re.fullmatch(rf"stopped by the test at t = 0\.2 s, .*: go on with `ngfsi resume {folder} --error`",
+                                str(error))  # fmt: skip
+            assert not (folder / "errors.csv").exists()
+    result = called(*again)
+    assert result.exit_code == 0, result.output
+    assert result.output == whole[1]
+    assert (folder / "errors.csv").read_bytes() == (whole[0] / "errors.csv").read_bytes()
+    for name in ("", "companion_space", "companion_time"):
+        assert [one["from_s"] for one in open_run(folder / name).manifest["resumed"]] == [0.2], name
+    with pytest.raises(OutputError, match="nothing to resume"):
+        raise called(*again).exception or AssertionError
+
+
+def test_a_companion_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its columns are left out; without any companion there is no table. The time left is what is left."""
+    found, limits = fake_run(tmp_path / "run"), []
+
+    def failing(case: Case, folder: Path, *, max_wall: float, **_: Any) -> StoredRun:
+        limits.append(max_wall)
+        if folder.name in fail:
+            raise SolverError("it diverged")
+        return fake_run(folder, case, loss=0.2)
+
+    monkeypatch.setattr(ngfsi.run.estimate, "run", failing)
+    fail, said = ["companion_space"], []
+    rows = estimate(found, max_wall=60.0, say=said.append)
+    assert said == ["no error from space: it diverged"]
+    assert "space_end_1" not in rows[0]
+    assert rows[0]["time_end_1"] == pytest.approx(0.05 / 0.25, rel=1e-9)
+    assert found.errors == [{**row, "unit": 1.0 if row["unit"] == "1" else "Pa"} for row in rows]
+    assert 59.0 < limits[1] < limits[0] <= 60.0
+    fail.append("companion_time")
+    shutil.rmtree(tmp_path / "run" / "companion_time")
+    with pytest.raises(OutputError, match="no error from space: it diverged; no error from time: it diverged"):
+        estimate(found, max_wall=60.0)

@@ -26,7 +26,7 @@ from ngfsi.errors import NgfsiError, OutputError
 from ngfsi.report import charts
 from ngfsi.report.charts import Runs
 from ngfsi.report.shapes import MOVED, is_plane
-from ngfsi.report.tables import flat
+from ngfsi.report.tables import ERRORS_HEAD, error_rows, flat
 from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.stored import StoredRun, open_run
 from ngfsi.units import Shown, in_unit, to_si, unit_of
@@ -93,6 +93,7 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
             raise OutputError(f"the run '{title}' in '{run.path}' holds no step yet: nothing can be reported of it")
     sections = [
         _headline(runs),
+        *_errors(runs),
         _setup(runs),
         *_charts(runs),
         *_claims(runs, claims or {}),
@@ -439,6 +440,16 @@ def _headline(runs: Runs) -> Section:
             "fine mesh: their difference is of the size of the spatial error."
         )
     return "Result", [Table(["run", *heads], rows), note]
+
+
+def _errors(runs: Runs) -> list[Section]:
+    rows = [[title, *row] for title, run in runs.items() for row in error_rows(run)]
+    note = (
+        "Differences to a companion with elements of one order less, or more where there is no lower one, and to one "
+        "with steps of double size: of the loss over the largest loss, of wall shear stress over its mean in time, at "
+        "the end and the largest at the times in common. Where they fail: docs/theory.md."
+    )
+    return [("Estimated errors", [Table(["run", *ERRORS_HEAD], rows), note])] if rows else []
 
 
 def _ended(run: StoredRun) -> str:

@@ -1,9 +1,19 @@
-"""Tables in Markdown, and nested tables as one."""
+"""Tables in Markdown, nested tables as one, and the table of estimated errors."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+from ngfsi.store.stored import StoredRun
+from ngfsi.units import Shown, in_unit
+
+ERRORS = {
+    f"{name}_{when}_1": Shown(f"from {name}, {words}", "percent")
+    for name in ("space", "time") for when, words in (("end", "at the end"), ("largest", "largest"))
+}  # fmt: skip
+"""Column of estimated errors -> how it is shown."""
+ERRORS_HEAD = ["quantity", "at the end", *(shown.head for shown in ERRORS.values())]
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -29,6 +39,15 @@ def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             found[f"{prefix}{key}"] = f"{value:.6g}" if isinstance(value, float) else value
     return found
+
+
+def error_rows(run: StoredRun) -> list[list[str]]:
+    """Return the estimated errors of a run below `ERRORS_HEAD`; "-" where there was no companion or it failed."""
+    return [
+        [str(row["quantity"]), in_unit(float(row["value"]), "percent" if row["unit"] == 1 else str(row["unit"]), ".4g"),
+         *(f"{shown(float(row[name])):.2g}" if name in row else "-" for name, shown in ERRORS.items())]
+        for row in run.errors
+    ]  # fmt: skip
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -15,7 +15,7 @@ from ngfsi.case import Case
 from ngfsi.linear.backends import BACKENDS, choose_backend
 from ngfsi.materials import available_sets, read_set
 from ngfsi.mesh.generate import cache_folder
-from ngfsi.report.tables import flat
+from ngfsi.report.tables import ERRORS_HEAD, error_rows, flat
 from ngfsi.store.provenance import named_commit, versions
 from ngfsi.store.stored import StoredRun
 from ngfsi.units import Shown, in_unit, symbol, unit_of
@@ -31,7 +31,7 @@ def console() -> Console:
 
 
 def run_summary(run: StoredRun) -> RenderableType:
-    """Return what is known of a run: case, how it ended, mesh, effort, and the last row of its series."""
+    """Return what is known of a run: case, how it ended, mesh, effort, the last row of its series, estimated errors."""
     case, manifest = run.case, run.manifest
     facts = {
         "folder": str(run.path),
@@ -43,7 +43,16 @@ def run_summary(run: StoredRun) -> RenderableType:
     }
     rest = {key: value for key, value in manifest.items() if key not in _SHOWN}
     said = {key: value for key, value in flat(rest).items() if value not in (None, [], "")}
-    return Group(_pairs({**facts, **said}), *_last_row(run))
+    return Group(_pairs({**facts, **said}), *_last_row(run), *([errors(run)] if run.errors else []))
+
+
+def errors(run: StoredRun) -> RenderableType:
+    """Return the estimated errors of a run."""
+    first, *rest = ERRORS_HEAD
+    table = Table(first, *(Column(head, justify="right") for head in rest), title="Estimated errors")
+    for row in error_rows(run):
+        table.add_row(*row)
+    return table
 
 
 def installation() -> RenderableType:

@@ -37,7 +37,9 @@ LIBRARIES = ("pyvista", "scipy.integrate", "scipy.interpolate")
 """Those with which every run measures and writes: a second to load, for which a refused case need not wait."""
 
 
-def run(case: Case, folder: Path, *, quiet: bool = False, max_wall: float | None = None) -> StoredRun:
+def run(
+    case: Case, folder: Path, *, quiet: bool = False, max_wall: float | None = None, resumed_by: str = ""
+) -> StoredRun:
     """Compute a case and return its results.
 
     The folder holds what was computed up to any failure; its manifest says how the run ended.
@@ -45,6 +47,7 @@ def run(case: Case, folder: Path, *, quiet: bool = False, max_wall: float | None
     Args:
         folder: to be made; must not hold anything yet.
         max_wall: seconds on the clock within which to stop, so that `resume` can go on.
+        resumed_by: the command that goes on, for who stops the run; default: `ngfsi resume FOLDER`.
 
     Raises:
         CaseError: a condition does not fit the geometry.
@@ -56,17 +59,28 @@ def run(case: Case, folder: Path, *, quiet: bool = False, max_wall: float | None
     """
     backend = choose_backend(case.solver.linear)
     checkpoints = _checkpoints(case, folder, backend)
-    return _finished(Computation(case, RunFolder.create(folder, case), backend, checkpoints), quiet, max_wall)
+    begun = Computation(case, RunFolder.create(folder, case), backend, checkpoints)
+    return _finished(begun, quiet, max_wall, resumed_by)
 
 
-def resume(folder: Path, *, quiet: bool = False, max_wall: float | None = None) -> StoredRun:
+def completed(folder: Path) -> StoredRun | None:
+    """Return the run in a folder if it has come to its end.
+
+    Raises:
+        OutputError: what is there cannot be read.
+    """
+    found = open_run(folder) if (folder / MANIFEST).exists() else None
+    return found if found and found.status == "completed" else None
+
+
+def resume(folder: Path, *, quiet: bool = False, max_wall: float | None = None, resumed_by: str = "") -> StoredRun:
     """Go on with a run that did not reach its end, from its last checkpoint, and return its results.
 
     They are those of a run that was never stopped: to the last bit with one thread. Without a checkpoint the run
     begins anew.
 
     Args:
-        quiet, max_wall: as for `run`.
+        quiet, max_wall, resumed_by: as for `run`.
 
     Raises:
         OutputError: there is no run, it is complete or being computed, or its checkpoints are damaged or of another
@@ -77,13 +91,13 @@ def resume(folder: Path, *, quiet: bool = False, max_wall: float | None = None) 
     if not (folder / CASE).exists():
         raise OutputError(f"the folder '{folder}' holds no run: {CASE} is expected in it")
     case = Case.from_toml(folder / CASE)
-    if (folder / MANIFEST).exists() and open_run(folder).status == "completed":
+    if completed(folder):
         raise OutputError(f"the run in '{folder}' is complete: there is nothing to resume")
     backend = choose_backend(case.solver.linear)
     checkpoints = _checkpoints(case, folder, backend)
     start = checkpoints.latest()
     target = RunFolder.reopen(folder, case, start.facts["time_s"] if start else None)
-    return _finished(Computation(case, target, backend, checkpoints, start), quiet, max_wall)
+    return _finished(Computation(case, target, backend, checkpoints, start), quiet, max_wall, resumed_by)
 
 
 def _checkpoints(case: Case, folder: Path, backend: str) -> Checkpoints:
@@ -92,7 +106,7 @@ def _checkpoints(case: Case, folder: Path, backend: str) -> Checkpoints:
     return Checkpoints(folder / CHECKPOINTS, {"case": content, "version": programs, "linear_solver": backend})
 
 
-def _finished(computation: Computation, quiet: bool, max_wall: float | None) -> StoredRun:
+def _finished(computation: Computation, quiet: bool, max_wall: float | None, resumed_by: str) -> StoredRun:
     """Compute, note how it ended and return the results."""
     target = computation.folder
     try:
@@ -105,7 +119,7 @@ def _finished(computation: Computation, quiet: bool, max_wall: float | None) -> 
         with suppress(OutputError):  # a disk that does not take even that must not hide the reason
             target.finish("interrupted" if stopped else "failed", reason)
         if stopped:
-            error.args = (f"{reason}: go on with `ngfsi resume {target.path}`",)
+            error.args = (f"{reason}: go on with `{resumed_by or f'ngfsi resume {target.path}'}`",)
         elif isinstance(error, SolverError):
             error.args = (f"{reason}; what was computed is in '{target.path}'",)
         raise

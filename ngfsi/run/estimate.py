@@ -8,19 +8,22 @@ waves after a kink or layers at clamped ends are not resolved it is about as lar
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.errors import CaseError, MeshError, OutputError, SolverError
-from ngfsi.run.computation import run
+from ngfsi.run.computation import completed, resume, run
+from ngfsi.solve.initial import Say, silent
+from ngfsi.store.folder import CASE, ERRORS
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.units import SAME_TIME
+from ngfsi.units import SAME_TIME, unit_of
 
-ERRORS = "errors.csv"
 QUANTITIES = {"lumen_volume_m3": "loss of volume", "sawss_Pa": "SAWSS", "wss_max_Pa": "largest wall shear stress"}
 """Ends of the columns whose errors are estimated, of each vessel; the volume's as that of its loss."""
 TIMES_TOLERANCE = 8.0
@@ -41,46 +44,62 @@ def companions(case: Case) -> dict[str, Case]:
     return found
 
 
-def estimate(found: StoredRun, *, quiet: bool = False) -> list[dict[str, float | str]]:
+def estimate(
+    found: StoredRun, *, quiet: bool = False, max_wall: float | None = None, say: Say = silent
+) -> list[dict[str, float | str]]:
     """Run the companions of a run in its folder, write errors.csv there, and return its rows.
 
-    Each row has a quantity, its `value` at the end (SI), and for each companion the difference at the `end` and the
-    `largest` one at the times that both have, over the largest loss or the mean of the shear in time. A companion that
-    fails leaves its columns out.
+    Each row has a quantity, its `value` at the end and the suffix of its `unit` (SI), and for each companion the
+    difference at the `end` and the `largest` one at the times that both have, over the largest loss or the mean of the
+    shear in time. A companion that is there already is taken, or goes on; one that fails leaves its columns out.
+
+    Args:
+        max_wall: seconds on the clock within which to stop.
+        say: takes the reasons of companions that fail.
 
     Raises:
         OutputError: the run has no vessel with blood, or no companion came to its end.
+        StoppedError, Interrupted: as of `run`; to be gone on with by the same call.
     """
+    began = perf_counter()
     columns = [name for name in found.series if name.endswith(tuple(QUANTITIES))]
     if not columns:
         raise OutputError(f"the run '{found.case.name}' has none of {', '.join(QUANTITIES)}: no error can be estimated")
     others, failures = {}, []
     for name, case in companions(found.case).items():
         try:
-            others[name] = run(case, found.path / f"companion_{name}", quiet=quiet)
+            left = None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))
+            others[name] = _computed(case, found.path / f"companion_{name}", quiet=quiet, max_wall=left,
+                                     resumed_by=resumed_by(found.path))  # fmt: skip
         except (CaseError, MeshError, SolverError) as error:
             failures.append(f"no error from {name}: {error}")
     if not others:
         raise OutputError("; ".join(failures))
+    for failure in failures:
+        say(failure)
     rows = [_row(column, found, others) for column in columns]
     write_rows(found.path / ERRORS, rows)
     return rows
 
 
-def told(row: Mapping[str, float | str]) -> str:
-    """Return what a row says, for the terminal."""
-    names = [name for name in ("space", "time") if f"{name}_end_1" in row]
-    parts = []
-    for name in names:
-        end, largest = (100 * float(row[f"{name}_{which}_1"]) for which in ("end", "largest"))
-        parts.append(f"{end:.2g} % from {name} (at most {largest:.2g} %)")
-    return f"Estimated error of the {row['quantity']} at the end: {', '.join(parts)}"
+def resumed_by(folder: Path) -> str:
+    """Return the command that goes on with a run and its companions."""
+    return f"ngfsi resume {folder} --error"
+
+
+def _computed(case: Case, folder: Path, **how: Any) -> StoredRun:
+    """Return the run of a case in a folder: as it is there, after it has gone on, or begun."""
+    if found := completed(folder):
+        return found
+    return resume(folder, **how) if (folder / CASE).exists() else run(case, folder, **how)
 
 
 def _row(column: str, found: StoredRun, others: dict[str, StoredRun]) -> dict[str, float | str]:
     values = _shown(column, found)
-    size = np.max(np.abs(values)) if column.endswith("lumen_volume_m3") else np.mean(values)
-    row: dict[str, float | str] = {"quantity": _title(column), "value": float(values[-1])}
+    lost = column.endswith("lumen_volume_m3")
+    size = np.max(np.abs(values)) if lost else np.mean(values)
+    row: dict[str, float | str] = {"quantity": _title(column), "value": float(values[-1]),
+                                   "unit": "1" if lost else unit_of(column)}  # fmt: skip
     for name, other in others.items():
         here, there = _common(found.series["time_s"], other.series["time_s"], found.case.time.step)
         differences = np.abs(values[here] - _shown(column, other)[there]) / size

@@ -9,6 +9,7 @@
     shape.csv       their area, perimeter, axes ... perpendicular to the vein (see measure/shape.py)
     stability.csv   smallest eigenvalue and critical pressure, if asked for (see measure/stability.py)
     volume.pvd, wall.pvd, fields/   fields for ParaView (see fields.py)
+    errors.csv      estimated errors, and companion_space/ and companion_time/, the runs that tell them, if asked for
     run.log         what happened, with the seconds since the start
     checkpoints/    from which `ngfsi resume` goes on (see checkpoint.py), until the run is complete
     STOP            not written: a file of this name ends the run after the step under way
@@ -34,7 +35,7 @@ from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.provenance import commit, machine, now, versions
 from ngfsi.store.table import TableWriter
 
-CASE, MANIFEST, LOG = "case.toml", "manifest.json", "run.log"
+CASE, MANIFEST, LOG, ERRORS = "case.toml", "manifest.json", "run.log", "errors.csv"
 TABLES = ("series", "costs", "outlines", "shape", "stability")
 """Tables with a column time_s, each a file NAME.csv that is there once it has a row."""
 CHECKPOINTS, STOP = "checkpoints", "STOP"

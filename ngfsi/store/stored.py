@@ -15,8 +15,8 @@ from ngfsi.case import Case
 from ngfsi.errors import OutputError
 from ngfsi.measure.shear_history import ShearHistory, slope, within
 from ngfsi.store.disk import explained
-from ngfsi.store.folder import CASE, MANIFEST
-from ngfsi.store.table import read_table
+from ngfsi.store.folder import CASE, ERRORS, MANIFEST
+from ngfsi.store.table import read_rows, read_table
 from ngfsi.store.vessels import StoredVessel
 from ngfsi.units import SAME_TIME
 
@@ -172,6 +172,11 @@ class StoredRun:
     def stability(self) -> Columns:
         """Smallest eigenvalue and critical pressure by column, a row per written time; empty if not asked for."""
         return self._table("stability")
+
+    @cached_property
+    def errors(self) -> list[dict[str, float | str]]:
+        """Rows of the estimated errors (see run/estimate.py); none if they were not asked for."""
+        return read_rows(self.path / ERRORS)
 
     @cached_property
     def _outlines(self) -> Columns:

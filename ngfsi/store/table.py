@@ -82,6 +82,19 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, float | str]]) -> None:
     replace_file(path, text.getvalue().encode())
 
 
+def read_rows(path: Path) -> list[dict[str, float | str]]:
+    """Return the rows of a table that `write_rows` wrote; none when it does not exist.
+
+    Raises:
+        OutputError: the file cannot be read.
+    """
+    if not path.exists():
+        return []
+    with explained(path, "read"):
+        text = path.read_text(encoding="utf-8")
+    return [{name: _read(cell) for name, cell in row.items()} for row in csv.DictReader(io.StringIO(text))]
+
+
 def write_parquet(path: Path, rows: Sequence[Mapping[str, float | str]]) -> bool:
     """Write such a table as Parquet if pyarrow is installed, empty words as missing values; return whether it is.
 
@@ -123,6 +136,13 @@ def read_table(path: Path) -> dict[str, Array]:
     if values.shape[1] != len(columns):
         raise OutputError(f"'{path}' has {len(columns)} column names, but {values.shape[1]} columns of numbers")
     return {name: values[:, number] for number, name in enumerate(columns)}
+
+
+def _read(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
 
 
 def _number(value: float) -> str:

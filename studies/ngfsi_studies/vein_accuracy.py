@@ -1,10 +1,11 @@
 """Errors of the straight vein of `ngfsi bench` on several meshes: of loss of volume, SAWSS and largest wall shear.
 
-    python -m ngfsi_studies.vein_accuracy FOLDER
+    python -m ngfsi_studies.vein_accuracy FOLDER [MESH...]
 
 The vein is clamped, in steady flow under 10 mmHg on the skin (`time.scheme = "static"`), so that errors are those of
 space alone. The reference has elements of order 4 that are twelve times thinner at the ends than at mid-length, where
-clamped tissue has its layers.
+clamped tissue has its layers. With names of meshes, as in the table, these alone are computed, and the last of them is
+the reference.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pathlib import Path
 from ngfsi_geometry.segment import MeshSettings
 
 from ngfsi.case import Case
+from ngfsi.errors import unknown
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.store.stored import StoredRun
@@ -53,9 +55,9 @@ def values(run: StoredRun) -> tuple[float, float, float, float]:
             float(run.series["wss_max_Pa"][-1]))  # fmt: skip
 
 
-def table(runs: Mapping[str, StoredRun]) -> str:
+def table(runs: Mapping[str, StoredRun], reference: str = REFERENCE) -> str:
     """Return the errors of all runs against the reference, as Markdown."""
-    exact = values(runs[REFERENCE])
+    exact = values(runs[reference])
     head = ("elements", "unknowns", "volume %", "loss of volume %", "SAWSS %", "largest wall shear %")
     cells = [
         (name, f"{run.manifest['unknowns']:,}",
@@ -65,6 +67,21 @@ def table(runs: Mapping[str, StoredRun]) -> str:
     return markdown_table(head, cells)
 
 
+def main(folder: str, *names: str) -> None:
+    """Compute and print the table.
+
+    Raises:
+        SystemExit: there is no mesh of that name, or the reference failed.
+    """
+    known = cases()
+    if missing := [name for name in names if name not in known]:
+        sys.exit(unknown("mesh", missing[0], known))
+    found = run_cases({name: known[name] for name in names or known}, Path(folder))
+    reference = [*found][-1]
+    if failure := found[reference].failure:
+        sys.exit(f"there are no errors without the reference, '{reference}': {failure}")
+    console().print(table({name: one.run for name, one in found.items() if one.run and not one.failure}, reference))
+
+
 if __name__ == "__main__":
-    found = run_cases(cases(), Path(sys.argv[1]))
-    console().print(table({name: one.run for name, one in found.items() if one.run and not one.failure}))
+    main(*sys.argv[1:])

@@ -15,6 +15,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import ngsolve as ng
@@ -29,7 +30,9 @@ from ngfsi.analysis.tube import in_one_dimension, overall_error, tube_laws
 from ngfsi.materials import available_sets, read_set
 from ngfsi.report import figures, terminal
 from ngfsi.report.html import CHARTS, HEADLINE, report
+from ngfsi.report.tables import error_rows
 from ngfsi.store.stored import StoredRun, open_run
+from ngfsi.store.table import write_rows
 from ngfsi.units import Shown
 from tests.output.fake import CASE, GEOMETRY, INFLATION, fake_run
 
@@ -44,6 +47,18 @@ CLAIMS = {
     "citation": "a book", "volume_reduction_percent": {"M": 30.5}, "sawss_rise_percent": {"M": 205.0},
     "hydrostatic_pressure_kPa": {"M": 5.83},
 }  # fmt: skip
+ERRORS: list[dict[str, float | str]] = [
+    {"quantity": "loss of volume", "value": 0.24683, "unit": "1", "space_end_1": 0.0123, "space_largest_1": 0.0231,
+     "time_end_1": 0.00345, "time_largest_1": 0.00456},
+    {"quantity": "SAWSS", "value": 0.13579, "unit": "Pa", "space_end_1": 0.000567, "space_largest_1": 0.00678,
+     "time_end_1": 0.0789, "time_largest_1": 0.0891},
+]  # fmt: skip
+SHOWN_ERRORS = [
+    ["quantity", "at the end", "from space, at the end %", "from space, largest %", "from time, at the end %",
+     "from time, largest %"],
+    ["loss of volume", "24.68 %", "1.2", "2.3", "0.34", "0.46"],
+    ["SAWSS", "0.1358 Pa", "0.057", "0.68", "7.9", "8.9"],
+]  # fmt: skip
 Table = Mapping[str, np.ndarray]
 
 
@@ -86,6 +101,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> StoredRun:
         "smallest_eigenvalue_1_s2": np.array([900.0, 700.0, 350.0]),
         "softest_stiffness_1": np.array([0.9, 0.7, 0.4]),
     })  # fmt: skip
+    write_rows(folder / "errors.csv", ERRORS)
     return open_run(folder)
 
 
@@ -504,6 +520,17 @@ def test_claims(series: Table, sections: dict[str, list[Any]]) -> None:
     assert len(re.findall(r"\d+(?:\.\d+)?", why)) == 7
 
 
+def test_errors(sections: dict[str, list[Any]], run: StoredRun) -> None:
+    """In the report and in the terminal; what a companion that failed does not tell is a dash."""
+    (head, *rows), _ = sections["Estimated errors"]
+    assert [head[1:], *(row[1:] for row in rows)] == SHOWN_ERRORS
+    assert [head[0], *(row[0] for row in rows)] == ["run", "odd", "odd"]
+    assert printed(terminal.errors(run)) == SHOWN_ERRORS
+    half = [{name: cell for name, cell in row.items() if not name.startswith("time")} for row in run.errors]
+    told = error_rows(SimpleNamespace(errors=half))  # type: ignore[arg-type]
+    assert told == [[*row[:4], "-", "-"] for row in SHOWN_ERRORS[1:]]
+
+
 def test_costs(run: StoredRun, sections: dict[str, list[Any]]) -> None:
     ((head, row),) = sections["Costs"]
     manifest = json.loads((run.path / "manifest.json").read_text(encoding="utf-8"))
@@ -542,6 +569,7 @@ def test_each_table_has_a_check(sections: dict[str, list[Any]]) -> None:
     tables = {title for title, parts in sections.items() if any(isinstance(part, list) for part in parts)}
     checked = {
         "Result",
+        "Estimated errors",
         "Setup",
         "Fits of the tube laws",
         "In one dimension",
@@ -560,8 +588,10 @@ def printed(what: Any) -> list[list[str]]:
 
 
 def test_the_last_row_in_the_terminal(run: StoredRun, series: Table) -> None:
-    """Every column with its last value, and the unit that its name ends with."""
+    """Every column with its last value, and the unit that its name ends with; below that the estimated errors."""
     _, *rows = printed(terminal.run_summary(run))
+    rows, last = rows[: len(series)], rows[len(series) :]
+    assert last == SHOWN_ERRORS
     suffixes = {"Pa": "Pa", "m3_s": "m³/s", "m3": "m³", "m2": "m²", "m": "m", "s": "s", "1": ""}
     wanted = []
     for column, values in series.items():
