@@ -107,10 +107,12 @@ def test_the_stored_report_is_that_of_the_stored_numbers() -> None:
         assert part(results) in text
 
 
-def test_all_factors_at_once() -> None:
+def test_all_factors_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of six veins the loss grows with the ratio of the axes, and falls with the pressure of the blood, exactly."""
     made = [Designed(k, [0.6, 1.2, 0.7, 1.1, 0.8, 1.0][k], 10.0 - k, [3, 1, 2, 5, 4, 6][k], [1, 6, 2, 5, 3, 4][k],
                      0.1 * (k + 1), 2.0) for k in range(6)]  # fmt: skip
+    assert "Rank correlation" not in closing_vein.spread(made)
+    monkeypatch.setattr(closing_vein, "FEWEST_RANKED", 6)
     said = closing_vein.spread(made)
     assert said.startswith("6 veins spread evenly over ratio of the axes 1.5 to 4.5, thickness of the wall [mm] 0.5 to")
     assert "they lose 10 to 60 %, half of them more than 35 %." in said
