@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from ngfsi.case import Case
+from ngfsi.errors import StoppedError
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import columns
+from ngfsi.run import resume, run
+from ngfsi.run.interrupts import Stops
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import Step, TimeLoop
+from ngfsi.store import open_run
 from ngfsi.system.system import System
 from tests.vein import steady
 
@@ -65,3 +71,15 @@ def largest_change(one: Any, other: Any) -> float:
     """Largest relative difference of two arrays."""
     one, other = np.asarray(one), np.asarray(other)
     return float(np.max(np.abs(one - other)) / np.max(np.abs(other)))
+
+
+def assert_resumed(case: Case, folder: Path, whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that is stopped after two steps and resumed has the series of one that never was, to the last bit."""
+    asked = iter([None, None, StoppedError("stopped by the test"), *[None] * 99])
+    monkeypatch.setattr(Stops, "request", lambda _: next(asked))
+    with pytest.raises(StoppedError):
+        run(case, folder, quiet=True)
+    resume(folder, quiet=True)
+    one, other = open_run(folder).series, open_run(whole).series
+    for name, values in other.items():
+        np.testing.assert_array_equal(one[name], values, err_msg=name)

@@ -25,7 +25,7 @@ from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import Outcome, run_cases
+from ngfsi.study import Outcome, failed, run_cases
 from ngfsi.study.design import sobol
 from ngfsi.units import MMHG, Shown, from_si
 from ngfsi_studies import compare_tissues
@@ -314,7 +314,6 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         write_rows(folder / "results.csv", [asdict(one) for one in results.values()])
         write_rows(folder / "design.csv", [asdict(one) for one in at_once.values()])
         files = _draw(results, list(at_once.values()), done, folder)
-    failures = [f"- {key}: {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure]
     parts = [
         f"# Veins that close, level `{level}`\n", answer(results), *files, "## One factor at a time\n", table(results),
         "Under 25 mmHg on the skin that rise smoothly in 1 s; M tissue, wall of 1 mm and 133 kPa with the law "
@@ -323,7 +322,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         "at rest, in steady flow from a source 15 mmHg above the outlet behind a resistance.\n",
         *(["## All factors at once\n", spread(list(at_once.values()))] if at_once else []),
         "## What others measured\n", comparison(results),
-        *(["## Failed\n", "\n".join(failures) + "\n"] if failures else []),
+        *failed(outcomes),
         f"## To repeat it\n\n    ngfsi study closing_vein --level {level}\n",
     ]  # fmt: skip
     path = folder / "report.md"

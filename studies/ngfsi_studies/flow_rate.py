@@ -25,7 +25,7 @@ from ngfsi.report.figures import stacked_bars
 from ngfsi.report.tables import markdown_table
 from ngfsi.store.disk import replace_file
 from ngfsi.store.table import write_rows
-from ngfsi.study import Outcome, run_cases
+from ngfsi.study import Outcome, failed, run_cases
 from ngfsi.units import Shown, from_si, in_unit, to_si
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
@@ -117,7 +117,6 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
     findings = {
         point: finding for point in points(level) if (finding := find(point.key, outcomes[point.key])) is not None
     }
-    failures = [f"- {key}: {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure]
     shown = {point: finding for point, finding in findings.items() if not finding.failure}
     write_rows(folder / "flow_rate.csv", [_row(point, finding) for point, finding in shown.items()])
     _draw(shown, folder)
@@ -136,7 +135,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         f"subject {tables('compare_tissues')['subject']} scaled by the areas of model and images.\n",
         "## Numerical error\n",
         _errors(shown),
-        *(["## Failed\n", "\n".join(failures) + "\n"] if failures else []),
+        *failed(outcomes),
         f"## To repeat it\n\n    ngfsi study flow_rate --level {level}\n",
     ]
     path = folder / "report.md"

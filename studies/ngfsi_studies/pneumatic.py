@@ -22,7 +22,7 @@ from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import run_cases
+from ngfsi.study import failed, run_cases
 from ngfsi.units import MMHG, Shown, in_unit
 from ngfsi_studies import closing_vein
 from ngfsi_studies.figures import Line, lines
@@ -170,13 +170,12 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     done = {key: one.run for key, one in outcomes.items() if one.run is not None and not one.failure}
     results = {key: {name: of(run) for name, of in COLUMNS.items()} for key, run in done.items()}
     write_rows(folder / "results.csv", [{"device": key, **row} for key, row in results.items()])
-    failures = [f"- {key}: {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure]
     parts = [
         f"# Intermittent compression of an oval vein, level `{level}`\n", answer(results), *_draw(done, folder),
         "## Devices\n", table(results),
         "The vein of study `closing_vein`, 3.2 : 1 in M tissue, blood at 10 mmHg. Each chamber is inflated linearly; "
         f"the full pressure is held for {HOLD:g} s. Velocity: mean over the outlet.\n",
-        *(["## Failed\n", "\n".join(failures) + "\n"] if failures else []),
+        *failed(outcomes),
         f"## To repeat it\n\n    ngfsi study pneumatic --level {level}\n",
     ]  # fmt: skip
     path = folder / "report.md"

@@ -22,7 +22,7 @@ from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import Outcome, run_cases
+from ngfsi.study import Outcome, failed, run_cases
 from ngfsi.units import MMHG, SAME_TIME, Shown, in_unit
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
@@ -140,7 +140,6 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
     if results:
         write_rows(folder / "results.csv", [asdict(one) for one in results])
         _draw(found, folder)
-    failures = [f"- {key}: {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure]
     parts = [
         f"# Linear and smooth rise of the pressure, level `{level}`\n",
         answer(results),
@@ -151,7 +150,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         f"Rises are against t = 0; mean: of the last {SWING:g} s; swing: half the distance between the largest and the "
         "smallest deviation of SAWSS from a cubic through that time, over SAWSS at t = 0. Printed by the source: "
         f"{_printed()} %.\n",
-        *(["## Failed\n", "\n".join(failures) + "\n"] if failures else []),
+        *failed(outcomes),
         f"## To repeat it\n\n    ngfsi study ramp_shape --level {level}\n",
     ]
     path = folder / "report.md"

@@ -21,7 +21,7 @@ from ngfsi.report.terminal import console
 from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import Outcome, run_cases
+from ngfsi.study import Outcome, failed, run_cases
 from ngfsi.units import MMHG, SAME_TIME, Shown
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
@@ -174,7 +174,6 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
     if results:
         write_rows(folder / "results.csv", [asdict(one) for one in results])
         draw(results, folder)
-    failures = [f"- {key}: {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure]
     parts = [
         f"# Time schemes: errors at every instant and work, level `{level}`\n",
         f"The calf with M tissue, the first {chosen.end:g} s of 25 mmHg within 1 s, linear (with a kink at t = 0) and "
@@ -184,7 +183,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         "![Largest error of SAWSS over iterations](sawss.png)\n",
         "![Largest error of the loss of volume over iterations](loss.png)\n",
         table(results),
-        *(["## Failed\n", "\n".join(failures) + "\n"] if failures else []),
+        *failed(outcomes),
         f"## To repeat it\n\n    ngfsi study time_schemes --level {level}\n",
     ]
     path = folder / "report.md"

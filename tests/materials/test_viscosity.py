@@ -15,7 +15,7 @@ from scipy.integrate import quad
 
 from ngfsi.arrays import Array
 from ngfsi.case import Conditions
-from ngfsi.errors import MaterialError, StoppedError
+from ngfsi.errors import MaterialError
 from ngfsi.materials.solid.directions import ConstantDirection
 from ngfsi.materials.solid.holzapfel_gasser_ogden import HolzapfelGasserOgden
 from ngfsi.materials.solid.mooney_rivlin import MooneyRivlin
@@ -24,12 +24,11 @@ from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.energy import Energy
 from ngfsi.mesh.domain import Domain
 from ngfsi.physics.fields import STRETCH
-from ngfsi.run import resume, run
-from ngfsi.run.interrupts import Stops
-from ngfsi.store import open_run
+from ngfsi.run import run
 from ngfsi.system.forms import residual_form
 from ngfsi.system.schemes import Weights
 from ngfsi.system.system import System
+from tests.runs import assert_resumed
 from tests.seams.block import SIDE, case_of, domain
 from tests.seams.test_maxwell import Stretched, Stretching
 from tests.solve.test_statics import OUTER
@@ -282,11 +281,4 @@ def test_resumed_it_is_the_same_run(scheme: dict[str, Any], tmp_path: Path, monk
     changes = {"loads.further": (Stretched(),), "time.step": 0.1, "time.end": 0.4, "output.checkpoint_every": 1}
     case = case_of(ALL, **{"solver.tolerance": 1e-8, **changes, **scheme})
     whole = run(case, tmp_path / "whole", quiet=True).path
-    asked = iter([None, None, StoppedError("stopped by the test"), *[None] * 99])
-    monkeypatch.setattr(Stops, "request", lambda _: next(asked))
-    with pytest.raises(StoppedError):
-        run(case, tmp_path / "run", quiet=True)
-    resume(tmp_path / "run", quiet=True)
-    one, other = open_run(tmp_path / "run").series, open_run(whole).series
-    for name, values in other.items():
-        np.testing.assert_array_equal(one[name], values, err_msg=name)
+    assert_resumed(case, tmp_path / "run", whole, monkeypatch)

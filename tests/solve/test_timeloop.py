@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -248,6 +248,25 @@ def test_an_unacceptable_state_is_a_failed_step() -> None:
     assert "turned inside out" in outcome.lines[0]
 
 
+def goes_on(loop: Callable[[], tuple[TimeLoop, Scalar]], stops: Sequence[int], file: Path) -> None:
+    """Times, sizes, values and rates of a loop that is stored after so many steps are those of one that never was."""
+
+    def steps(running: TimeLoop, system: Scalar) -> list[tuple[float, ...]]:
+        return [(step.time, step.size, float(system.values[0]), float(system.rates()[0])) for step in running.run()]
+
+    wanted = steps(*loop())
+    for stopped_after in stops:
+        first, _ = loop()
+        for _ in zip(range(stopped_after), first.run(), strict=False):
+            pass
+        np.savez(file, **first.arrays())  # type: ignore[arg-type] # of mypy's view of **
+        second, system = loop()
+        with np.load(file, allow_pickle=False) as stored:
+            second.restore(stored)
+        assert second.time == wanted[stopped_after - 1][0]
+        assert steps(second, system) == wanted[stopped_after:]
+
+
 def test_a_stored_history_goes_on_as_if_never_stopped(tmp_path: Path) -> None:
     """Stopped before and after a kink of the load, stored on disk: the same times and values to the last bit."""
 
@@ -256,17 +275,7 @@ def test_a_stored_history_goes_on_as_if_never_stopped(tmp_path: Path) -> None:
         system = Scalar(case)
         return TimeLoop(case, system, Fake(system, never)), system  # type: ignore[arg-type]
 
-    whole, system = loop()
-    wanted = [(step.time, float(system.values[0])) for step in whole.run()]
-    for stopped_after in (1, 3, 8):
-        first, _ = loop()
-        for _ in zip(range(stopped_after), first.run(), strict=False):
-            pass
-        np.savez(tmp_path / "loop.npz", **first.arrays())  # type: ignore[arg-type] # of mypy's view of **
-        second, system = loop()
-        with np.load(tmp_path / "loop.npz", allow_pickle=False) as stored:
-            second.restore(stored)
-        assert [(step.time, float(system.values[0])) for step in second.run()] == wanted[stopped_after:]
+    goes_on(loop, (1, 3, 8), tmp_path / "loop.npz")
 
 
 def test_giving_up() -> None:
@@ -355,19 +364,7 @@ def test_a_free_scheme_goes_on_as_if_never_stopped(tmp_path: Path) -> None:
         system = Scalar(case)
         return TimeLoop(case, system, Fake(system, never)), system  # type: ignore[arg-type]
 
-    whole, system = loop()
-    wanted = [(step.time, step.size, float(system.values[0]), float(system.rates()[0])) for step in whole.run()]
-    for stopped_after in (1, 9, 18, 30, 46):
-        first, _ = loop()
-        for _ in zip(range(stopped_after), first.run(), strict=False):
-            pass
-        np.savez(tmp_path / "loop.npz", **first.arrays())  # type: ignore[arg-type] # of mypy's view of **
-        second, system = loop()
-        with np.load(tmp_path / "loop.npz", allow_pickle=False) as stored:
-            second.restore(stored)
-        assert second.time == wanted[stopped_after - 1][0]
-        found = [(step.time, step.size, float(system.values[0]), float(system.rates()[0])) for step in second.run()]
-        assert found == wanted[stopped_after:]
+    goes_on(loop, (1, 9, 18, 30, 46), tmp_path / "loop.npz")
 
 
 @pytest.mark.parametrize(("scheme", "uses"), [("esdirk3", True), ("sdirk4", False)])
