@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import netgen.meshing as nm
 import ngsolve as ng
 import numpy as np
 
@@ -35,6 +36,8 @@ this power."""
 MAPPED, INSIDE, STRAIGHT = 33, 1e-9, 1e-6
 """Points of a given line that are looked up in a reference shape, the first and the last of them by a fraction of the
 length inside of the mesh; closer to a straight line than that fraction it is one."""
+LOOKED_UP = 40
+"""Points of a line that must lie in the blood."""
 HOLD = 100.0
 """Weight of both ends of a line, against 1 of each section."""
 
@@ -109,11 +112,14 @@ def find_centrelines(domain: Domain, vessel: Vessel) -> tuple[Centreline, ...]:
     not enter other branches, and then, a few times, through the centroids of the line's own sections.
 
     Raises:
-        MeshError: the vessel has no lumen to find a line in.
+        MeshError: the vessel has no lumen to find a line in, or a line as it is found leaves the blood.
     """
     ends = [(vessel.inlets[0], end) for end in vessel.outlets] + [(end, vessel.outlets[0]) for end in vessel.inlets[1:]]
     given = [] if vessel.centreline is None else [_given(domain, vessel.centreline)]
-    return *given, *(_found(domain, vessel, *pair) for pair in ends[len(given) :])
+    found = [_found(domain, vessel, *pair) for pair in ends[len(given) :]]
+    for name, line in zip(vessel.branches[len(given) :], found, strict=True):
+        _check(domain, name, line)
+    return *given, *found
 
 
 def direction(domain: Domain, vessel: Vessel, lines: tuple[Centreline, ...]) -> Any:
@@ -129,6 +135,17 @@ def direction(domain: Domain, vessel: Vessel, lines: tuple[Centreline, ...]) -> 
     ):
         component.vec.FV().NumPy()[vertices] = values
     return found
+
+
+def _check(domain: Domain, name: str, line: Centreline) -> None:
+    """Refuse a line that leaves the blood: nothing could be measured along it."""
+    try:
+        domain.on_straight_mesh(line.points(line.length * np.linspace(0.02, 0.98, LOOKED_UP)))
+    except nm.NgException:
+        raise MeshError(
+            f"the centreline {f'of {name}' if name else 'of the vessel'}, as it is found in the mesh, leaves the "
+            "blood: at a fork with a sharp angle make the mesh finer, or cut the branch further from it"
+        ) from None
 
 
 def _given(domain: Domain, points: Any) -> Centreline:
@@ -151,7 +168,8 @@ def _found(domain: Domain, vessel: Vessel, inlet: str, outlet: str) -> Centrelin
     first, last = (domain.centroid(name) for name in (inlet, outlet))
     radius = np.sqrt(domain.area(inlet) / np.pi)
     middles = _middles(domain, vessel.lumen, inlet, outlet)
-    line = Centreline(_smooth(np.vstack([first, middles, last]), np.array([HOLD, *(1.0 for _ in middles), HOLD])))
+    places = np.vstack([first, middles, last])
+    line = Centreline(_smooth(places, _along(places), np.array([HOLD, *(1.0 for _ in middles), HOLD])))
     surface = Surface(domain.mesh, domain.boundaries(vessel.interface), domain.geometry.curving_order)
     place = surface.coefficients(ng.CF((ng.x, ng.y, ng.z)))
     for _ in range(CENTRINGS):
@@ -163,7 +181,8 @@ def _found(domain: Domain, vessel: Vessel, inlet: str, outlet: str) -> Centrelin
         window = np.abs(at[:, None] - at) < WINDOW * radius
         smallest = np.where(window, areas, np.inf).min(axis=1)
         middles, weights = cut.centroids(points)[cut.whole], (smallest[cut.whole] / areas[cut.whole]) ** POWER
-        line = Centreline(_smooth(np.vstack([first, middles, last]), np.concatenate([[HOLD], weights, [HOLD]])))
+        at = np.concatenate([[0.0], at[cut.whole], [line.length]])
+        line = Centreline(_smooth(np.vstack([first, middles, last]), at, np.concatenate([[HOLD], weights, [HOLD]])))
     return line
 
 
@@ -193,11 +212,16 @@ def _middles(domain: Domain, lumen: str, inlet: str, outlet: str) -> Array:
     return np.asarray(total[:, 2:] / total[:, :1])
 
 
-def _smooth(points: Array, weights: Array) -> Array:
-    """Return as many points near given ones, on the cubic spline of few pieces that fits them best; the ends stay."""
+def _along(points: Array) -> Array:
+    """Return the length (n,) [m] of the broken line through points (n, 3) [m] up to each."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+def _smooth(points: Array, at: Array, weights: Array) -> Array:
+    """Return as many points near given ones, on the cubic spline of few pieces over arc lengths `at` (n,) [m] that
+    fits them best; the ends stay."""
     from scipy.interpolate import make_lsq_spline
 
-    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     pieces = max(1, int((len(points) - 1) / SECTIONS_PER_PIECE) - 2)
     degree = min(3, len(points) - 1)
     inner = np.quantile(at, np.linspace(0.0, 1.0, pieces + 1)[1:-1])

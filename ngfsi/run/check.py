@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-import netgen.meshing as nm
 import ngsolve as ng
 import numpy as np
 from rich.console import Group, RenderableType
@@ -16,11 +15,9 @@ from rich.table import Column, Table
 from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.case.plausible import implausible
-from ngfsi.errors import MeshError
 from ngfsi.linear.backends import choose_backend
 from ngfsi.mesh.centreline import find_centrelines
 from ngfsi.mesh.domain import Domain
-from ngfsi.mesh.geometry import Vessel
 from ngfsi.report.mesh_picture import mesh_picture
 from ngfsi.store.disk import explained
 from ngfsi.store.export import of_domain, write
@@ -31,8 +28,6 @@ MEASURED = 23_000.0
 """Unknowns at which the costs below were measured (docs/solvers.md, order 2)."""
 COSTS = {"p_multigrid": ((0.68, 1.08), (1.95, 1.19)), "": ((0.92, 1.21), (0.83, 1.44))}
 """Iterative and direct solvers: memory (GB) and seconds a step at `MEASURED`, and the powers with which they grow."""
-STATIONS = 40
-"""Points of a centreline that must lie in the blood."""
 AT_REST = 8.0
 """Steps that the state at t = 0 takes as long as."""
 
@@ -110,7 +105,7 @@ def check(case: Case, folder: Path) -> Check:
     system = System(case, domain)
     for vessel in domain.vessels:
         if vessel.lumen and vessel.inlets and vessel.outlets and domain.mesh.dim == 3:
-            _check_lines(domain, vessel)
+            find_centrelines(domain, vessel)
     openings = tuple(
         _opening(domain, vessel.lumen, name) for vessel in domain.vessels if vessel.lumen for name in vessel.openings
     )
@@ -131,19 +126,6 @@ def check(case: Case, folder: Path) -> Check:
         {name: (faces[name], domain.area(name)) for name in case.geometry.boundary_names},
         openings, facts, domain.mesh.dim == 2,
     )  # fmt: skip
-
-
-def _check_lines(domain: Domain, vessel: Vessel) -> None:
-    """Refuse a vessel whose centrelines, as they are found, leave the blood: a run could not measure along them."""
-    for name, line in zip(vessel.branches, find_centrelines(domain, vessel), strict=True):
-        inside = line.length * np.linspace(0.02, 0.98, STATIONS)
-        try:
-            domain.on_straight_mesh(line.points(inside))
-        except nm.NgException:
-            raise MeshError(
-                f"the centreline {f'of {name}' if name else 'of the vessel'}, as it is found in the mesh, leaves the "
-                "blood: at a fork with a sharp angle make the mesh finer, or cut the branch further from it"
-            ) from None
 
 
 def _opening(domain: Domain, lumen: str, name: str) -> Opening:

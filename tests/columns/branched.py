@@ -45,10 +45,11 @@ SLOPES = np.array([[8.0, 1.0, 2.0], [0.0, -13.0, 1.0], [4.0, -1.0, 5.0]])
 MIDDLE = np.array([0.04, 0.0, 0.03])
 TRUNK, BRANCH = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 PLACES = {  # of stations away from the fork, by column: line, place along it in space, axis there, radius
+    # the line into the branch goes round the corner, in 31.67 mm in place of 32
     ("", 1): (-12.6e-3, TRUNK, RADIUS), ("", 2): (-9.2e-3, TRUNK, RADIUS),
     ("", 8): (11.2e-3, TRUNK, RADIUS), ("", 9): (14.6e-3, TRUNK, RADIUS),
-    ("outlet_2", 8): (9.6e-3, BRANCH, SMALL * RADIUS),
-    ("outlet_2", 9): (12.8e-3, BRANCH, SMALL * RADIUS),
+    ("outlet_2", 8): (9.667e-3, BRANCH, SMALL * RADIUS),
+    ("outlet_2", 9): (12.833e-3, BRANCH, SMALL * RADIUS),
 }  # fmt: skip
 
 

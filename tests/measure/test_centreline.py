@@ -128,6 +128,22 @@ def test_a_fork() -> None:
         assert sections.whole.all()
 
 
+@pytest.mark.parametrize(("degrees", "part"), [(51, 0.63), (27, 0.63), (45, 0.38)])
+def test_a_narrow_branch_at_a_sharp_angle(degrees: float, part: float) -> None:
+    """Its line goes from the axis of the trunk to its own without turning back."""
+    way = np.array([np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))])
+    sharp = Tubes(radius=RADIUS, inlet=(0, 0, -14e-3), fork=(0, 0, 0), largest=3e-3,
+                  outlets=(("outlet", (0, 0, 24e-3), RADIUS), ("side", tuple(24e-3 * way), part * RADIUS)))  # fmt: skip
+    line = find_centrelines(domain_of(sharp), sharp.vessels[0])[1]
+    points = line.points(line.stations(200))
+    trunk, side = points[points[:, 2] < -RADIUS], points[points @ way > 4.5 * RADIUS]
+    assert np.linalg.norm(trunk[:, :2], axis=1).max() < 2e-2 * RADIUS
+    assert np.linalg.norm(side - np.outer(side @ way, way), axis=1).max() < 2e-2 * RADIUS
+    turns = line.tangents(line.stations(200))
+    assert turns[:, 2].min() > 0 < (turns @ way).min()
+    assert line.length == pytest.approx(38e-3, rel=3e-2)
+
+
 def test_planes_that_cut_both_branches() -> None:
     """Of both ellipses the one around the point is taken, and none where the point is far from both."""
     sections = Sections(system(SPLIT), SPLIT.vessels[0], find_centrelines(domain_of(SPLIT), SPLIT.vessels[0])[0])
