@@ -1,4 +1,4 @@
-"""Command line: `ngfsi run`, `check`, `resume`, `study`, `verify`, `bench`, `info`, `report`, `export` and others.
+"""Command line: `ngfsi new`, `check`, `run`, `resume`, `study`, `verify`, `info`, `report`, `export` and others.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
 equations could not be solved, 4 stopped before its end as asked (--max-wall, a file STOP), 130 interrupted by Ctrl-C,
@@ -7,6 +7,7 @@ equations could not be solved, 4 stopped before its end as asked (--max-wall, a 
 
 from __future__ import annotations
 
+import json
 import signal
 import sys
 import tempfile
@@ -121,6 +122,48 @@ def run(
         else:
             compute(chosen, folder, quiet=quiet, max_wall=max_wall)
     _point_to(folder, quiet)
+
+
+@app.command()
+def new(
+    kind: Annotated[
+        str, typer.Argument(help="calf, vein, wall, rigid, section, solid, mesh or image, and others' own.")
+    ],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Case file to write; default <kind>.toml.", show_default=False)
+    ] = None,
+    file: Annotated[
+        Path | None, typer.Option("--file", help="Your mesh or image, for 'mesh' and 'image'; default: an example.")
+    ] = None,
+    _: Plugin = None,
+) -> None:
+    """Write a case file to begin with.
+
+    With the meaning of each key, the keys that it leaves out, and the schema by which editors complete and check it.
+
+    Example: ngfsi new vein && ngfsi run vein.toml
+    """
+    from ngfsi.run.new import new as write
+
+    path = output or Path(f"{kind}.toml")
+    if missing := write(kind, path, file):
+        typer.echo(f"The case is in '{path}', and not complete yet: {missing}")
+    else:
+        typer.echo(f"The case is in '{path}': look at it with `ngfsi check {path}`, compute it with `ngfsi run {path}`")
+
+
+@app.command()
+def schema(_: Plugin = None) -> None:
+    """Print the JSON schema of case files.
+
+    A file whose first line is `#:schema ngfsi.schema.json` is completed and checked by editors that know TOML.
+
+    Example: ngfsi schema > ngfsi.schema.json
+    """
+    from ngfsi.case import Case
+    from ngfsi.config.describe import json_schema
+
+    typer.echo(json.dumps(json_schema(Case), indent=1))
 
 
 @app.command()
@@ -386,7 +429,10 @@ def report(
         typer.echo(f"{len(draw(folders, figures))} figures are in '{figures}'")
 
 
-OWN = ("run", "check", "resume", "study", "verify", "bench", "materials", "info", "cite", "export", "animate", "report")
+OWN = (
+    "run", "new", "schema", "check", "resume", "study", "verify", "bench", "materials", "info", "cite", "export",
+    "animate", "report",
+)  # fmt: skip
 """The commands above; others are registered by packages."""
 
 

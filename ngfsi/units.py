@@ -120,6 +120,20 @@ def suffixes(dimension: str) -> list[str]:
     )
 
 
+USUAL = {"length": "mm", "area": "mm2", "volume": "ml", "flow_rate": "ml_s", "pressure": "mmHg", "angle": "deg"}
+"""Dimension -> unit in which a value of it is expected, where that is not the SI unit."""
+
+
+def readable(dimension: str, value: float | Iterable[float] | None) -> str:
+    """Return the suffix of the unit in which a value, or a list of them, takes the fewest characters."""
+    numbers = [] if value is None else list(value) if isinstance(value, Iterable) else [value]
+    usual = USUAL.get(dimension, SI_SUFFIX[dimension])
+    if not any(numbers):
+        return usual
+    units = [usual, *(unit for unit in suffixes(dimension) if unit != usual)]
+    return min(units, key=lambda unit: sum(len(f"{from_si(number, unit):.6g}") for number in numbers))
+
+
 def unit_of(column: str) -> str:
     """Return the unit that the name of a column ends with, e.g. ml_s of flow_ml_s; empty if there is none."""
     return max((unit for unit in SUFFIXES if column.endswith(f"_{unit}")), key=len, default="")

@@ -16,6 +16,7 @@ import pytest
 import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ngfsi_geometry import templates
 
 import ngfsi.run.computation
 from ngfsi import cli
@@ -28,7 +29,7 @@ from tests.test_case import TEXT
 NUMBER = 2000
 FILES = (
     TEXT.replace('type = "calf"', 'type = "tube"'),
-    (Path(__file__).parents[1] / "studies" / "calf.toml").read_text(encoding="utf-8"),
+    templates.calf(),
 )
 BASES = [tomllib.loads(text) for text in FILES]
 

@@ -71,12 +71,12 @@ class CalfSection(PlaneSection):
     skin: Outline
     tibia: Outline
     fibula: Outline
-    veins: tuple[Vein, ...] = Field(min_length=1)
-    anterior: Outline | None = None
-    lateral: Outline | None = None
-    superficial_posterior: Outline | None = None
-    deep_posterior: Outline | None = None
-    fascia: Outline | None = None
+    veins: tuple[Vein, ...] = Field(min_length=1, description="veins, of which the first is the one that is studied")
+    anterior: Outline | None = Field(None, description="outline of the anterior compartment")
+    lateral: Outline | None = Field(None, description="outline of the lateral compartment")
+    superficial_posterior: Outline | None = Field(None, description="outline of the superficial posterior compartment")
+    deep_posterior: Outline | None = Field(None, description="outline of the deep posterior compartment")
+    fascia: Outline | None = Field(None, description="outline inside which there is muscle, and outside fat")
     mesh: SectionSizes = SectionSizes()
 
     @classmethod

@@ -82,7 +82,7 @@ class VesselFromSurface(ConfigModel):
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
 
-    file: str = Field(min_length=1)
+    file: str = Field(min_length=1, description="the surface of the lumen: STL, VTP, PLY or OBJ")
     unit: Literal["m", "cm", "mm", "um"] = "mm"
     """Unit of length in the file."""
     wall_thickness: Length | None = Field(None, gt=0, description="thickness of the wall; none: it is rigid")

@@ -16,7 +16,7 @@ from ngfsi_geometry.lofted_calf import CalfLoft, Stack
 class LabelledCalf(CalfLoft):
     """Calf segment through the slices of a segmented image: NIfTI, NRRD, or a folder with a DICOM series."""
 
-    file: str = Field(min_length=1)
+    file: str = Field(min_length=1, description="the image: NIfTI, NRRD, or a folder of DICOM")
     labels: dict[str, int | str] | None = None
     """Name -> number or name of the segment in the image: skin (what is in nothing else), tibia, fibula, lumen, and all
     others inside of the skin. Without it segments that the image names so, veins in their order, or usual numbers."""
@@ -28,7 +28,7 @@ class LabelledCalf(CalfLoft):
     """Names of the labels of further veins, in all slices that are taken; veins not named count as tissue."""
     first_slice: int | None = Field(None, ge=0)
     """Numbers of the slices to be taken, from 0 from distal to proximal; default: all that have the vein."""
-    last_slice: int | None = Field(None, ge=0)
+    last_slice: int | None = Field(None, ge=0, description="number of the last slice that is used; None: of the image")
     sha256: str = Field(default_factory=lambda given: digest(given["file"], "label map"))
     """Of the file: a case belongs to its content."""
 

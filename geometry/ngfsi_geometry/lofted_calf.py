@@ -328,10 +328,10 @@ class CalfLoft(ConfigModel):
 class LoftedCalf(CalfLoft):
     """Calf segment through given outlines."""
 
-    skin: tuple[Outline, ...]
-    tibia: tuple[Outline, ...]
-    fibula: tuple[Outline, ...]
-    lumen: tuple[Outline, ...]
+    skin: tuple[Outline, ...] = Field(description="outline of the skin in each slice")
+    tibia: tuple[Outline, ...] = Field(description="outline of the tibia in each slice")
+    fibula: tuple[Outline, ...] = Field(description="outline of the fibula in each slice")
+    lumen: tuple[Outline, ...] = Field(description="outline of the vein's lumen in each slice")
     further_lumens: tuple[tuple[Outline, ...], ...] = Field((), description="outlines of further veins")
     heights: tuple[Length, ...] = Field(description="positions z of the outlines, from distal to proximal")
     first_slice: int = Field(0, ge=0, description="number of the first outline in the image, for sentences")

@@ -14,14 +14,22 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import tomli_w
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError, core_schema
 
-from ngfsi.case.geometries import find_geometry, is_geometry, name_of
+from ngfsi import registry
+from ngfsi.case.geometries import GROUP, find_geometry, is_geometry, name_of
 from ngfsi.conditions import ConditionModel, ContactModel, Cuff, FlowOpening, OpeningModel, PressureOpening
 from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.config.messages import key_error
-from ngfsi.config.model import ConfigModel, registered
+from ngfsi.config.model import ConfigModel, one_of, registered
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.outlines.displacement import OutlineDisplacement
@@ -43,6 +51,16 @@ def _build_geometry(value: Any, info: ValidationInfo) -> Any:
     return geometry.model_validate({key: v for key, v in value.items() if key != "type"}, context=info.context)
 
 
+class _AnyGeometry:
+    """The annotation that reads a table as the geometry of its `type`."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.with_info_before_validator_function(_build_geometry, handler(source))
+
+    def __get_pydantic_json_schema__(self, _: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return one_of("type", {name: find_geometry(name) for name in registry.names(GROUP)}, handler)
+
+
 def kind_of(region: str) -> str:
     """Return the name of a region without the number of its vessel: wall of wall_2."""
     return re.sub(r"_\d+$", "", region)
@@ -56,16 +74,25 @@ class Materials(ConfigModel):
     """The material of each region that the geometry has."""
 
     tissue: SolidMaterial | None = None
+    """Around the vessels: muscle, or what else stands for it."""
     wall: SolidMaterial | None = None
+    """Walls of all vessels."""
     sheath: SolidMaterial | None = None
+    """Loose connective tissue around the walls."""
     solid: SolidMaterial | None = None
     """The one solid of a plane benchmark."""
     fat: SolidMaterial | None = None
+    """Under the skin; None: that of the tissue, as for the four compartments."""
     anterior: SolidMaterial | None = None
+    """Muscles of the anterior compartment."""
     lateral: SolidMaterial | None = None
+    """Muscles of the lateral compartment."""
     superficial_posterior: SolidMaterial | None = None
+    """Muscles of the superficial posterior compartment."""
     deep_posterior: SolidMaterial | None = None
+    """Muscles of the deep posterior compartment."""
     fluid: FluidMaterial | None = None
+    """Blood in all vessels."""
 
     def law_of(self, region: str) -> SolidLaw:
         """Return the material of a solid region.
@@ -181,7 +208,9 @@ class TimeStepping(ConfigModel):
     """esdirk3, sdirk4: diagonally implicit Runge-Kutta schemes of third and fourth order, in 3 and 5 stages; static: at
     each time the steady state under its loads, all rates zero."""
     step: Time = Field(gt=0)
+    """Nominal step, the distance of the rows of series.csv."""
     end: Time = Field(gt=0)
+    """When the run ends; it starts at 0."""
     smallest_step: Time = Field(default_factory=lambda given: given["step"] / 64, gt=0)
     """A step that fails is halved down to this; default: a 64th of the step."""
     error_tolerance: float | None = Field(default=None, gt=0, lt=1)
@@ -212,6 +241,7 @@ class Solver(ConfigModel):
     tolerance: float = Field(default=1e-7, gt=0, lt=1)
     """Largest relative change of any block of unknowns at convergence."""
     max_iterations: int = Field(default=25, ge=1)
+    """Iterations after which a step has failed."""
     linearise: Literal["when slow", "always"] = "when slow"
     """when slow: a factorisation serves over iterations and steps until it converges too slowly; always: one per
     iteration, which is Newton's method as in textbooks, to compare with."""
@@ -243,7 +273,8 @@ class Case(ConfigModel):
     """One run."""
 
     name: str
-    geometry: Annotated[Any, BeforeValidator(_build_geometry)]
+    """Of the run and its folder, in letters, digits, '_', '-' and '.'."""
+    geometry: Annotated[Any, _AnyGeometry()]
     """A registered ConfigModel; what else it offers is the business of Domain."""
     materials: Materials
     loads: Loads

@@ -33,14 +33,17 @@ class Cuff(ConfigModel):
     """
 
     pressure: PressureCurve
+    """Inside the part, over time."""
     start: Length
-    """z where it begins, and `end`: where it ends, on the reference shape."""
+    """z where it begins, on the reference shape."""
     end: Length
+    """z where it ends."""
     direction: Angle = 0.0
     """Of its middle, around the axis of the segment from x (lateral) to y (anterior)."""
     half_width: Angle | None = Field(default=None, gt=0, lt=pi)
     """Angle from the middle to either side; None: all around."""
     edge: Length = Field(default=5e-3, gt=0)
+    """Length over which the pressure falls to zero at both ends."""
 
     @model_validator(mode="after")
     def _has_a_height(self) -> Self:

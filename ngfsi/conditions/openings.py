@@ -368,6 +368,7 @@ class FlowOpening(OpeningModel):
 
     kind: Literal["flow"] = "flow"
     flow: FlowCurve
+    """Into the vessel at an inlet, out of it at an outlet, relative to the moving opening."""
     profile: Profile = "developed"
     """developed: that of steady flow in a cylinder over the opening; womersley: of a periodic flow in it; or flat."""
 
@@ -380,6 +381,7 @@ class PressureOpening(OpeningModel):
 
     kind: Literal["pressure"] = "pressure"
     pressure: PressureCurve
+    """Over time."""
 
     def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:
         return Traction(domain, opening, vessel, self.pressure)
@@ -404,7 +406,9 @@ class Resistive(OpeningModel):
     """What has a resistance R right behind the opening, and in the end a known pressure."""
 
     resistance: Resistance
+    """Pressure over flow, of a windkessel before its compliance."""
     distal_pressure: PressureCurve = NOTHING
+    """Behind the resistance."""
     valve_leakage: float | None = Field(default=None, gt=0, lt=1)
     """With a valve that opens towards the heart, in at an inlet and out at an outlet: the flow back over that ahead
     under the same pressure, e.g. 1e-3; default: no valve."""
@@ -431,7 +435,9 @@ class WindkesselOpening(Resistive):
 
     kind: Literal["windkessel"] = "windkessel"
     compliance: Compliance = Field(gt=0)
+    """Volume that is stored behind the resistance over its pressure."""
     distal_resistance: Resistance = Field(gt=0)
+    """From the compliance to the distal pressure."""
 
     def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:
         return WindkesselTraction(domain, opening, vessel, self)

@@ -156,6 +156,7 @@ class DisplacementModel(ConditionModel):
 
     kind: Literal["displacement"] = "displacement"
     boundaries: tuple[str, ...] = Field(min_length=1)
+    """Faces that are moved."""
     displacement: tuple[Length, ...]
     """Along x, y and z."""
     over_time: FactorCurve = FactorRamp(final=1.0, duration=1.0)

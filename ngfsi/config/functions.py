@@ -12,7 +12,7 @@ from functools import cache
 from itertools import pairwise
 from math import cos, isclose, pi
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -45,6 +45,7 @@ class Constant(Curve, Generic[Q]):
 
     kind: Literal["constant"] = "constant"
     value: Q
+    """At all times."""
 
     def __call__(self, t: float) -> float:  # noqa: ARG002 - a curve takes the time even if it ignores it
         return self.value
@@ -69,11 +70,13 @@ class Hydrostatic(Curve):
 
     kind: Literal["hydrostatic"] = "hydrostatic"
     posture: Posture = "lying"
+    """From which the depth below the heart follows."""
     below_heart: Length = Field(default_factory=lambda given: BELOW_HEART.get(given.get("posture"), 0.0))
     """Depth below the heart; default: by posture 0, 0.50 or 0.93 m."""
     at_heart: Pressure = 10 * MMHG
     """In a vein at the height of the heart; default: the outlet pressure of the source study, of a subject lying."""
     density: Density = Field(default=1060.0, gt=0)
+    """Of the blood in the veins above."""
 
     def __call__(self, t: float) -> float:  # noqa: ARG002 - a curve takes the time even if it ignores it
         return self.at_heart + self.density * FREE_FALL * self.below_heart
@@ -83,9 +86,13 @@ class Rise(Curve, Generic[Q]):
     """From `initial` to `final` within `duration` after `start`, held before and after; base of the ramps."""
 
     initial: Q = Field(default=0.0)  # type: ignore[assignment] # Q is a float, its alias only names the dimension
+    """Up to the start."""
     final: Q
+    """From the end of the rise on."""
     start: Time = 0.0
+    """When the rise begins."""
     duration: Time = Field(gt=0)
+    """Of the rise."""
 
     def __call__(self, t: float) -> float:
         done = self._fraction(min(max((t - self.start) / self.duration, 0.0), 1.0))
@@ -126,7 +133,9 @@ class Sampled(Curve, Generic[Q]):
     """Through given points; base of the curves of many values."""
 
     times: tuple[Time, ...] = Field(min_length=1)
+    """Of the values, rising."""
     values: tuple[Q, ...] = Field(min_length=1)
+    """At these times."""
 
     @model_validator(mode="after")
     def _is_a_function(self) -> Self:
@@ -166,9 +175,13 @@ class Harmonics(Curve, Generic[Q]):
 
     kind: Literal["harmonics"] = "harmonics"
     mean: Q
+    """Mean over a period."""
     amplitudes: tuple[Q, ...] = Field(min_length=1)
+    """Of the harmonics from the first on."""
     phases: tuple[Angle, ...]
+    """Of the harmonics, as many as amplitudes."""
     period: Time = Field(gt=0)
+    """Of the first harmonic."""
 
     @model_validator(mode="after")
     def _one_phase_each(self) -> Self:
@@ -189,8 +202,11 @@ class Waveform(Sampled[Q]):
     header that carries units, e.g. `time_s,flow_ml_s`. The resolved case holds the numbers, and needs the file no more.
     """
 
+    instead_of_file: ClassVar[tuple[str, ...]] = ("times", "values")
+
     kind: Literal["waveform"] = "waveform"
     times: tuple[Time, ...] = Field(min_length=4)
+    """Of one period."""
 
     @model_validator(mode="before")
     @classmethod

@@ -12,12 +12,21 @@ by the section's `refusal`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError, core_schema
 
 from ngfsi import registry
 from ngfsi.config.messages import key_error, validation_message
@@ -42,6 +51,8 @@ class ConfigModel(BaseModel):
 
     refusal: ClassVar[type[NgfsiError]] = CaseError
     """The class of error raised for values this section refuses."""
+    instead_of_file: ClassVar[tuple[str, ...]] = ()
+    """Fields in place of which a table may name a `file` that holds them."""
 
     def __init__(self, /, **values: Any) -> None:
         try:
@@ -163,8 +174,57 @@ def si_key(cls: type[ConfigModel], name: str) -> str:
     return f"{name}_{SI_SUFFIX[dimension]}" if dimension else name
 
 
-def tagged(tag: str, *classes: type[ConfigModel]) -> BeforeValidator:
-    """Return the pydantic annotation that reads a table as the one of `classes` whose tag it carries."""
+@dataclass(frozen=True)
+class Tagged:
+    """The annotation that reads a table as the model of its tag, of those that `models` returns by name.
+
+    Attributes:
+        tag: key whose value is the name.
+        accepted: instances of which are taken as they are.
+        names: returns the names.
+        find: returns the model of a name, or raises NgfsiError.
+    """
+
+    tag: str
+    accepted: type[ConfigModel] | tuple[type[ConfigModel], ...]
+    names: Callable[[], Iterable[str]]
+    find: Callable[[str], type[ConfigModel]]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.with_info_before_validator_function(self._choose, handler(source))
+
+    def __get_pydantic_json_schema__(self, _: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return one_of(self.tag, {name: self.find(name) for name in self.names()}, handler)
+
+    def _choose(self, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, self.accepted):
+            return value
+        if not isinstance(value, Mapping) or self.tag not in value:
+            listed = ", ".join(f"'{name}'" for name in self.names()) or "those that a plugin registers"
+            if isinstance(value, Mapping):
+                raise key_error(self.tag, f"is missing: write one of {listed}")
+            raise PydanticCustomError("table", "{text}", {"text": f"a table with {self.tag} = one of {listed}"})
+        try:
+            model = self.find(str(value[self.tag]))
+        except NgfsiError as error:
+            raise key_error(self.tag, f"has an unknown value: {error}") from None
+        return model.model_validate(value, context=info.context)
+
+
+def one_of(tag: str, models: Mapping[str, type[ConfigModel]], handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    """Return the JSON schema of a table that is one of several models, by the name that stands under its tag."""
+    found = []
+    for name, model in models.items():
+        schema = handler.resolve_ref_schema(handler(model.__pydantic_core_schema__))
+        others = {key: value for key, value in schema.get("properties", {}).items() if key != tag}
+        found.append(
+            schema | {"properties": {tag: {"const": name}, **others}, "required": [tag, *schema.get("required", ())]}
+        )
+    return {"oneOf": found}
+
+
+def tagged(tag: str, *classes: type[ConfigModel]) -> Tagged:
+    """Return the annotation that reads a table as the one of `classes` whose tag it carries."""
     by_tag = {cls.model_fields[tag].default: cls for cls in classes}
 
     def find(name: str) -> type[ConfigModel]:
@@ -172,33 +232,12 @@ def tagged(tag: str, *classes: type[ConfigModel]) -> BeforeValidator:
             raise CaseError(unknown(tag, name, by_tag))
         return by_tag[name]
 
-    return _by_tag(tag, classes, lambda: by_tag, find)
+    return Tagged(tag, classes, lambda: by_tag, find)
 
 
-def registered(tag: str, group: str, base: type[ConfigModel]) -> BeforeValidator:
+def registered(tag: str, group: str, base: type[ConfigModel]) -> Tagged:
     """Return the annotation that reads a table as the `base` that the registry's group knows by the tag's value."""
-    return _by_tag(tag, base, lambda: registry.names(group), lambda name: registry.find(group, name, tag))
-
-
-def _by_tag(
-    tag: str, accepted: type[ConfigModel] | tuple[type[ConfigModel], ...], names: Callable[[], Iterable[str]],
-    find: Callable[[str], type[ConfigModel]],
-) -> BeforeValidator:  # fmt: skip
-    def choose(value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, accepted):
-            return value
-        if not isinstance(value, Mapping) or tag not in value:
-            listed = ", ".join(f"'{name}'" for name in names()) or "those that a plugin registers"
-            if isinstance(value, Mapping):
-                raise key_error(tag, f"is missing: write one of {listed}")
-            raise PydanticCustomError("table", "{text}", {"text": f"a table with {tag} = one of {listed}"})
-        try:
-            model = find(str(value[tag]))
-        except NgfsiError as error:
-            raise key_error(tag, f"has an unknown value: {error}") from None
-        return model.model_validate(value, context=info.context)
-
-    return BeforeValidator(choose)
+    return Tagged(tag, base, lambda: registry.names(group), lambda name: registry.find(group, name, tag))
 
 
 def _dimension(annotation: Any, metadata: list[Any] | tuple[Any, ...] = ()) -> str | None:

@@ -7,10 +7,11 @@ A material is written with a parameter set, `{set = "vein_wall"}`, a set with so
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator
-from pydantic_core import PydanticCustomError
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import PydanticCustomError, core_schema
 
 from ngfsi.config.messages import key_error
 from ngfsi.config.model import keys_of, registered
@@ -49,12 +50,28 @@ def _sets(base: type[Law]) -> list[str]:
     return [name for name in available_sets() if isinstance(read_set(name).material, base)]
 
 
-SolidMaterial = Annotated[
-    SolidLaw, registered("law", SOLIDS, SolidLaw), BeforeValidator(lambda value: _in_full(value, SolidLaw))
-]
+@dataclass(frozen=True)
+class _SetOrLaw:
+    """The annotation that reads a table with a set as if it were written in full.
+
+    Attributes:
+        base: of the laws.
+    """
+
+    base: type[Law]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.no_info_before_validator_function(
+            lambda value: _in_full(value, self.base), handler(source)
+        )  # fmt: skip
+
+    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler) -> Any:
+        by_set = {"type": "object", "properties": {"set": {"enum": _sets(self.base)}}, "required": ["set"]}
+        return {"anyOf": [by_set, handler(schema)]}
+
+
+SolidMaterial = Annotated[SolidLaw, registered("law", SOLIDS, SolidLaw), _SetOrLaw(SolidLaw)]
 """A solid in a case: a law, or a table with `set` or `law`."""
 
-FluidMaterial = Annotated[
-    FluidLaw, registered("law", FLUIDS, FluidLaw), BeforeValidator(lambda value: _in_full(value, FluidLaw))
-]
+FluidMaterial = Annotated[FluidLaw, registered("law", FLUIDS, FluidLaw), _SetOrLaw(FluidLaw)]
 """A fluid in a case: a law, or a table with `set` or `law`."""

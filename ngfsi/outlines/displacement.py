@@ -32,11 +32,12 @@ class OutlineDisplacement(ConfigModel):
     """
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
+    instead_of_file: ClassVar[tuple[str, ...]] = ("x", "y", "ux", "uy")
 
-    x: tuple[Length, ...] = Field(min_length=4)
-    y: tuple[Length, ...] = Field(min_length=4)
-    ux: tuple[Length, ...]
-    uy: tuple[Length, ...]
+    x: tuple[Length, ...] = Field(min_length=4, description="lateral positions of the points")
+    y: tuple[Length, ...] = Field(min_length=4, description="anterior positions of the points")
+    ux: tuple[Length, ...] = Field(description="lateral displacements of the points")
+    uy: tuple[Length, ...] = Field(description="anterior displacements of the points")
 
     @model_validator(mode="before")
     @classmethod

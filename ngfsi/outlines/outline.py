@@ -33,8 +33,8 @@ class Outline(ConfigModel):
 
     refusal: ClassVar[type[NgfsiError]] = GeometryError
 
-    x: tuple[Length, ...] = Field(min_length=4)
-    y: tuple[Length, ...] = Field(min_length=4)
+    x: tuple[Length, ...] = Field(min_length=4, description="lateral positions of the points")
+    y: tuple[Length, ...] = Field(min_length=4, description="anterior positions of the points")
 
     @classmethod
     def through(cls, points: Array) -> Self:

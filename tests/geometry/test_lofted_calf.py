@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable
 from functools import cache
 from math import pi
@@ -13,6 +14,7 @@ import ngsolve as ng
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
+from ngfsi_geometry import templates
 from ngfsi_geometry.calf import CalfSegment
 from ngfsi_geometry.calf_section import subject
 from ngfsi_geometry.example_labels import rough_calf
@@ -151,7 +153,7 @@ def test_phantom_to_calf(label_file: Path) -> None:
 
 
 def case_of(geometry: ConfigModel) -> Case:
-    written = Case.from_toml(Path(__file__).parents[2] / "studies" / "calf.toml").to_toml_dict()
+    written = tomllib.loads(templates.calf())
     written["geometry"] = {"type": name_of(type(geometry)), **geometry.to_toml_dict()}
     return Case.from_dict(written).replace(**{
         "name": "lofted", "loads.skin_pressure.duration": 0.1, "loads.skin_pressure.final": 1000.0, "time.step": 0.1,

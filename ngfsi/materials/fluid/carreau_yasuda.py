@@ -20,8 +20,11 @@ class CarreauYasuda(Plateaus):
 
     law: Literal["carreau_yasuda"] = "carreau_yasuda"
     time_constant: Time = Field(gt=0)
+    """1 over the shear rate at which thinning begins."""
     a: float = Field(default=2.0, gt=0)
+    """Sharpness of the transition; 2 is the law of Carreau."""
     n: float = Field(gt=0, le=1)
+    """Exponent of the power law between the limits."""
 
     def falling(self, shear_rate: Any) -> Any:
         return (1 + (self.time_constant * shear_rate) ** self.a) ** ((self.n - 1) / self.a)

@@ -20,7 +20,9 @@ class Casson(Yielding):
 
     law: Literal["casson"] = "casson"
     yield_stress: Pressure = Field(ge=0)
+    """Shear stress below which blood does not flow."""
     viscosity_at_high_shear: Viscosity = Field(gt=0)
+    """Limit at high shear rates."""
 
     def unregularised(self, shear_rate: Any) -> Any:
         return (self.viscosity_at_high_shear**0.5 + (self.yield_stress / shear_rate) ** 0.5) ** 2

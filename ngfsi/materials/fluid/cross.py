@@ -19,7 +19,9 @@ class Cross(Plateaus):
 
     law: Literal["cross"] = "cross"
     time_constant: Time = Field(gt=0)
+    """1 over the shear rate at which the viscosity is midway."""
     m: float = Field(gt=0)
+    """Exponent of the decay."""
 
     @model_validator(mode="after")
     def _stress_rises(self) -> Self:

@@ -19,6 +19,7 @@ class Newtonian(FluidLaw):
 
     law: Literal["newtonian"] = "newtonian"
     viscosity: Viscosity = Field(gt=0)
+    """Dynamic viscosity."""
 
     def viscosity_at(self, _shear_rate: Any) -> float:
         return self.viscosity

@@ -15,7 +15,9 @@ class Plateaus(FluidLaw):
     """mu = mu_inf + (mu_0 - mu_inf) f(g)."""
 
     viscosity_at_rest: Viscosity = Field(gt=0)
+    """Limit at low shear rates."""
     viscosity_at_high_shear: Viscosity = Field(gt=0)
+    """Limit at high shear rates."""
 
     @model_validator(mode="after")
     def _thins(self) -> Self:

@@ -24,10 +24,15 @@ class Quemada(Yielding):
 
     law: Literal["quemada"] = "quemada"
     viscosity_of_plasma: Viscosity = Field(gt=0)
+    """Viscosity of the plasma."""
     haematocrit: float = Field(gt=0, lt=1)
+    """Volume of red cells over that of blood."""
     k_rest: float = Field(gt=0)
+    """Intrinsic viscosity of the cells at rest."""
     k_high_shear: float = Field(gt=0)
+    """Intrinsic viscosity of the cells at high shear rates."""
     critical_shear_rate: ShearRate = Field(gt=0)
+    """Shear rate between both limits."""
 
     @model_validator(mode="after")
     def _flows(self) -> Self:

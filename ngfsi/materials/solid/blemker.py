@@ -30,9 +30,13 @@ class Blemker(FibreLaw):
 
     law: Literal["blemker"] = "blemker"
     G1: Pressure = Field(gt=0)
+    """Modulus of shear along the fibres."""
     G2: Pressure = Field(gt=0)
+    """Modulus of shear across the fibres."""
     P1: float = Field(ge=0)
+    """Scale of the stress of stretched fibres."""
     P2: float = Field(gt=0)
+    """Rate of its exponential growth."""
     peak_stress: Pressure = Field(ge=0)
     """s: largest isometric stress, to which that of passive fibres is related."""
     straight_stretch: float = Field(gt=1)

@@ -51,6 +51,7 @@ class AlongCurve(Direction):
 
     kind: Literal["along_curve"] = "along_curve"
     points: tuple[tuple[Length, Length, Length], ...] = Field(min_length=2)
+    """Of the curve, in order, which a spline follows."""
 
     def field(self, domain: Domain, _region: str) -> Any:
         line = Centreline(np.array(self.points))
@@ -64,6 +65,7 @@ class AroundVessel(Direction):
     vessel: str = ""
     """Name; empty: the first one."""
     angle: Angle = 0.0
+    """From the direction around the centreline towards that along it."""
 
     def field(self, domain: Domain, _region: str) -> Any:
         names = {vessel.name: vessel for vessel in domain.vessels}
@@ -82,7 +84,9 @@ class AlongHarmonic(Direction):
 
     kind: Literal["harmonic"] = "harmonic"
     start: str
+    """Boundary where the harmonic field is 0."""
     end: str
+    """Boundary where it is 1."""
 
     def field(self, domain: Domain, region: str) -> Any:
         space = ng.H1(domain.mesh, order=max(domain.geometry.curving_order, 2), definedon=domain.materials(region),
@@ -104,7 +108,9 @@ class FromVtu(Direction):
 
     kind: Literal["vtu"] = "vtu"
     file: str
+    """VTU file with the directions."""
     array: str
+    """Its array of vectors, of points or cells."""
 
     def field(self, domain: Domain, _region: str) -> Any:
         import pyvista

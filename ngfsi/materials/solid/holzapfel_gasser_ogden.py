@@ -27,9 +27,13 @@ class HolzapfelGasserOgden(FibreLaw):
 
     law: Literal["holzapfel_gasser_ogden"] = "holzapfel_gasser_ogden"
     c: Pressure = Field(gt=0)
+    """Shear modulus of the ground substance."""
     k1: Pressure = Field(ge=0)
+    """Stiffness of the fibres."""
     k2: float = Field(gt=0)
+    """Rate of their exponential stiffening."""
     kappa: float = Field(default=0.0, ge=0, le=1 / 3)
+    """Dispersion: 0 for fibres that are parallel, 1/3 for all directions alike."""
 
     def distortion(self, stretch: Stretch) -> Any:
         strains = [

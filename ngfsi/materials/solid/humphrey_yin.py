@@ -22,10 +22,15 @@ class HumphreyYin(FibreLaw):
 
     law: Literal["humphrey_yin"] = "humphrey_yin"
     c1: Pressure = Field(ge=0)
+    """Factor of (stretch - 1)^2."""
     c2: Pressure
+    """Factor of (stretch - 1)^3."""
     c3: Pressure = Field(gt=0)
+    """Factor of I1 - 3."""
     c4: Pressure
+    """Factor of (I1 - 3)(stretch - 1)."""
     c5: Pressure
+    """Factor of (I1 - 3)^2."""
 
     def distortion(self, stretch: Stretch) -> Any:
         I1, fibre = stretch.I1 - 3, sqrt(stretch.I4[0]) - 1

@@ -111,6 +111,7 @@ class SolidLaw(Law, SolidModel):
 
     density: Density = Field(ge=0)
     viscosity: SolidViscosity | None = None
+    """Viscosity beside the law, which is then the stress at infinite time."""
     isotropic: ClassVar[bool] = False
     """Whether the energy is one of the principal stretches alone: then its ellipticity is checked in a run."""
 

@@ -19,7 +19,9 @@ class LinearAtRest(SolidLaw):
     isotropic: ClassVar[bool] = True
 
     young: Pressure = Field(gt=0)
+    """Young's modulus at small strain."""
     poisson: float = Field(gt=-1, lt=0.5)
+    """Poisson's ratio at small strain."""
 
     @property
     def shear_modulus(self) -> float:

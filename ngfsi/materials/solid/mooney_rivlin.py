@@ -24,9 +24,13 @@ class MooneyRivlin(IsotropicLaw):
 
     law: Literal["mooney_rivlin"] = "mooney_rivlin"
     c10: Pressure
+    """Factor of I1 - 3."""
     c01: Pressure
+    """Factor of I2 - 3."""
     c11: Pressure
+    """Factor of (I1 - 3)(I2 - 3)."""
     K: Pressure = Field(gt=0)
+    """Bulk modulus."""
 
     @model_validator(mode="after")
     def _is_stable_at_rest(self) -> Self:

@@ -26,8 +26,11 @@ class NeoHookean(IsotropicLaw):
 
     law: Literal["neo_hookean"] = "neo_hookean"
     C10: Pressure = Field(gt=0)
+    """Half of the shear modulus."""
     Kv: Pressure = Field(gt=0)
+    """Bulk modulus."""
     volumetric: Literal["K=Kv", "K=2Kv"]
+    """Form of the volumetric energy."""
 
     def energies_of(self, strain: Invariants) -> Pair:
         I1, J = strain.isochoric[0], strain.J

@@ -27,8 +27,11 @@ class Ogden(IsotropicLaw):
 
     law: Literal["ogden"] = "ogden"
     mu: tuple[Pressure, ...] = Field(min_length=1, max_length=3)
+    """Moduli of the terms."""
     alpha: tuple[float, ...] = Field(min_length=1, max_length=3)
+    """Exponents of the terms."""
     K: Pressure = Field(gt=0)
+    """Bulk modulus."""
 
     @model_validator(mode="after")
     def _is_stable_at_rest(self) -> Self:
