@@ -7,12 +7,16 @@ BIN := $(VENV)/bin
 # MKL's Pardiso exists for x86-64 only; everywhere else UMFPACK, which NGSolve brings, does the same work
 EXTRAS := $(if $(filter x86_64 amd64,$(shell uname -m)),dev$(COMMA)mkl,dev)
 
-.PHONY: demo test lint types pytest soak mutate paper mpi clean
+.PHONY: demo test docs lint types pytest soak mutate paper mpi clean
 
 demo: $(VENV)/ready
 	$(BIN)/ngfsi study compare_tissues --level demo --output runs/demo
 
 test: lint types pytest
+
+# The site, in site/: every link in it leads somewhere, or this fails
+docs: $(VENV)/ready
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs site
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .

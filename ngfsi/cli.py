@@ -39,7 +39,6 @@ app = typer.Typer(
     help="High-order 3-D fluid-structure interaction of veins and soft tissue.",
     epilog="Begin with: ngfsi study compare_tissues --level demo",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

@@ -125,13 +125,14 @@ USUAL = {"length": "mm", "area": "mm2", "volume": "ml", "flow_rate": "ml_s", "pr
 
 
 def readable(dimension: str, value: float | Iterable[float] | None) -> str:
-    """Return the suffix of the unit in which a value, or a list of them, takes the fewest characters."""
+    """Return the suffix of the unit in which a value, or a list of them, takes the fewest characters, or the usual one
+    where that takes one more."""
     numbers = [] if value is None else list(value) if isinstance(value, Iterable) else [value]
     usual = USUAL.get(dimension, SI_SUFFIX[dimension])
     if not any(numbers):
         return usual
     units = [usual, *(unit for unit in suffixes(dimension) if unit != usual)]
-    return min(units, key=lambda unit: sum(len(f"{from_si(number, unit):.6g}") for number in numbers))
+    return min(units, key=lambda unit: sum(len(f"{from_si(number, unit):.6g}") for number in numbers) - (unit == usual))
 
 
 def unit_of(column: str) -> str:

@@ -275,7 +275,7 @@ class Case(ConfigModel):
     name: str
     """Of the run and its folder, in letters, digits, '_', '-' and '.'."""
     geometry: Annotated[Any, _AnyGeometry()]
-    """A registered ConfigModel; what else it offers is the business of Domain."""
+    """What the domain is: a model that is registered by its `type`, and whatever `Domain` needs of it."""
     materials: Materials
     loads: Loads
     conditions: Conditions = Conditions()

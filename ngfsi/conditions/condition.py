@@ -186,6 +186,7 @@ class ConditionModel(ConfigModel):
     """A condition as a case file holds it; its `kind` is the name under which it is registered (`ngfsi.conditions`)."""
 
     kind: str
+    """Its name."""
 
     @abstractmethod
     def condition(self, domain: Domain, name: str) -> Condition:
@@ -213,6 +214,7 @@ class OpeningModel(ConfigModel):
     """The condition at an opening as a case file holds it; registered by its `kind` (`ngfsi.openings`)."""
 
     kind: str
+    """Its name."""
 
     @abstractmethod
     def condition(self, domain: Domain, opening: str, vessel: Vessel) -> Condition:

@@ -33,6 +33,7 @@ class CaseSchema(GenerateJsonSchema):
         if not issubclass(cls, ConfigModel):
             return written
         written["title"] = cls.__name__
+        written["description"] = inspect.getdoc(cls.__pydantic_generic_metadata__["origin"] or cls)
         properties: dict[str, Any] = {}
         needed = set(written.pop("required", []))
         choices = []
