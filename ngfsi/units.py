@@ -67,6 +67,7 @@ UNITS: dict[str, Unit] = {
     "kPa": Unit("pressure", 1e3),
     "MPa": Unit("pressure", 1e6),
     "mmHg": Unit("pressure", MMHG),
+    "N_m": Unit("tension", 1.0),
     "kg_m3": Unit("density", 1.0),
     "g_cm3": Unit("density", 1e3),
     "Pa_s": Unit("viscosity", 1.0),
@@ -105,6 +106,7 @@ Velocity = Annotated[float, Dimension("velocity")]
 Acceleration = Annotated[float, Dimension("acceleration")]
 FlowRate = Annotated[float, Dimension("flow_rate")]
 Pressure = Annotated[float, Dimension("pressure")]
+Tension = Annotated[float, Dimension("tension")]
 Density = Annotated[float, Dimension("density")]
 Viscosity = Annotated[float, Dimension("viscosity")]
 ShearRate = Annotated[float, Dimension("shear_rate")]

@@ -31,6 +31,7 @@ from ngfsi.store.folder import TABLES
 from ngfsi.store.table import read_table
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import BLOCKS
+from tests.conditions.test_contact import FLOWING
 from tests.conftest import SQUEEZED
 from tests.updates import case, updates
 from tests.vein import block, domain_of, system_of
@@ -183,6 +184,17 @@ Stops.request = lambda self: next(asked)
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr.count("100%") == 1  # rank 0 alone shows progress
     assert_same(tmp_path / "run", serial)
+
+
+def test_contact_on_two_ranks(tmp_path: Path) -> None:
+    """The results of one, from rest until opposite sides of the lumen touch."""
+    case_file = tmp_path / "case.toml"
+    case_file.write_text(FLOWING.to_toml())
+    ended = mpirun(2, "run", str(case_file), "--output", str(tmp_path / "run"), "--quiet")
+    assert ended.returncode == 0, ended.stderr
+    one = run(FLOWING, tmp_path / "one", quiet=True)
+    assert one.series["detF_min_fluid_1"][-1] < 0.25
+    assert_same(tmp_path / "run", one.path)
 
 
 FIELDSPLIT = SQUEEZED.replace(

@@ -2,7 +2,7 @@
 
 from ngfsi.conditions.condition import Condition, ConditionModel, OpeningModel, Setup, WithValue
 from ngfsi.conditions.contact import Contact, ContactModel
-from ngfsi.conditions.loads import BloodReference, BodyForce, BodyForceModel, Cuff, PressureOn
+from ngfsi.conditions.loads import BloodReference, BodyForce, BodyForceModel, Cuff, PressureOn, StockingModel
 from ngfsi.conditions.openings import (
     FlowOpening,
     FreeOpening,
@@ -15,5 +15,6 @@ from ngfsi.conditions.supports import DisplacementModel, Ends, GivenMeshMotion, 
 __all__ = [
     "BloodReference", "BodyForce", "BodyForceModel", "Condition", "ConditionModel", "Contact", "ContactModel", "Cuff",
     "DisplacementModel", "Ends", "FlowOpening", "FreeOpening", "GivenMeshMotion", "GivenVelocity", "OpeningModel",
-    "PressureOn", "PressureOpening", "ResistanceOpening", "Setup", "SkinMotion", "WindkesselOpening", "WithValue",
+    "PressureOn", "PressureOpening", "ResistanceOpening", "Setup", "SkinMotion", "StockingModel",
+    "WindkesselOpening", "WithValue",
 ]  # fmt: skip

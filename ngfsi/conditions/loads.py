@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from math import pi
 from typing import Any, Literal, Self
 
@@ -11,16 +12,17 @@ from pydantic import Field, model_validator
 
 from ngfsi.conditions.condition import ConditionModel, Setup, WithValue, check_components
 from ngfsi.conditions.openings import through
-from ngfsi.config.functions import FactorConstant, FactorCurve, PressureCurve
+from ngfsi.config.functions import FactorConstant, FactorCurve, FactorRamp, PressureCurve
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import CaseError, unknown
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.geometry import Vessel
+from ngfsi.mesh.girth import Girth
 from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, PRESSURE
 from ngfsi.physics.integrals import Integral
 from ngfsi.physics.kinematics import Kinematics
-from ngfsi.units import Acceleration, Angle, Length
+from ngfsi.units import Acceleration, Angle, Length, Tension
 
 SKIN = "skin"
 """Boundary on which stockings and sleeves press."""
@@ -92,6 +94,47 @@ class PressureOn(WithValue):
     def sentence(self) -> str:
         """Return what acts now: no pressure is not worth a word, least of all on a skin that cuffs press."""
         return f"{self.value.Get():.4g} Pa {self.name}" if self.value.Get() else ""
+
+
+class Stocking(PressureOn):
+    """The pressure on the skin of a fabric under tension, which is worn by degrees."""
+
+    def sentence(self) -> str:
+        return f"{self.value.Get():.4g} of the tension of the {self.name}" if self.value.Get() else ""
+
+
+class StockingModel(ConditionModel):
+    """A stocking, whose fabric presses the skin by its tension over the radius (Laplace): p = 2 pi T / girth.
+
+    The girth is that of the skin at rest at each height z. Even tension presses most where the leg is thin; where it
+    grows faster towards the knee than the girth, the gradient is reversed ("progressive"). Around the leg the pressure
+    is the same, as if each section were round. For bandages: S. Thomas, World Wide Wounds, 2003.
+    """
+
+    kind: Literal["stocking"] = "stocking"
+    tension: tuple[Tension, ...] = Field(min_length=1)
+    """Force around the leg per height of the fabric, at each of `heights`: linear in between, held beyond."""
+    heights: tuple[Length, ...] = ()
+    """z of each tension; may be left out for one that is the same everywhere."""
+    over_time: FactorCurve = FactorRamp(final=1.0, duration=1.0)
+    """Factor on the tension."""
+
+    @model_validator(mode="after")
+    def _has_heights(self) -> Self:
+        if len(self.heights) != len(self.tension) and (self.heights or len(self.tension) > 1):
+            raise ValueError(
+                f"a stocking needs as many heights as tensions, not {len(self.heights)} and {len(self.tension)}"
+            )
+        for lower, upper in pairwise(self.heights):
+            if upper <= lower:
+                raise ValueError(f"the heights of a stocking must increase, but {upper:g} m follows {lower:g} m")
+        return self
+
+    def condition(self, domain: Domain, name: str) -> Stocking:
+        if domain.mesh.dim != 3 or not domain.has_boundary(SKIN):
+            raise CaseError(f"loads.further: {name}: a stocking is worn in 3-D on a boundary 'skin': there is none")
+        tension = terms.piecewise(ng.z, self.heights or (0.0,), self.tension)
+        return Stocking(name, domain, (SKIN,), self.over_time, 2 * pi * tension / Girth(domain, SKIN).at(ng.z))
 
 
 class BloodReference(WithValue):

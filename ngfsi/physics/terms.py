@@ -9,6 +9,8 @@ Computational Mechanics (2004), non-conservative form on the reference shape.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from math import cos, sin
 from typing import Any, TypeAlias
 
@@ -175,6 +177,14 @@ def part_of_skin(start: float, end: float, edge: float, direction: float = 0.0, 
     # the arc cosine must not see rounding beyond 1
     cosine = (x * cos(direction) + y * sin(direction)) / radius * (1 - 1e-14)
     return fraction * _smooth_step((half_width - acos(cosine)) * radius / edge)
+
+
+def piecewise(s: CF, points: Sequence[float], values: Sequence[float]) -> CF:
+    """Value at s between given points, which increase: linear there, held beyond them."""
+    found = CoefficientFunction(values[0])
+    for (s0, s1), (v0, v1) in zip(pairwise(points), pairwise(values), strict=True):
+        found += (v1 - v0) * IfPos(s - s1, 1.0, IfPos(s - s0, (s - s0) / (s1 - s0), 0.0))
+    return found
 
 
 def _smooth_step(s: CF) -> CF:

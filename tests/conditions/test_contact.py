@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import ngsolve as ng
 import numpy as np
 import pytest
@@ -15,11 +17,13 @@ from ngfsi.materials import CompressibleNeoHookean
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.energy import Energy
 from ngfsi.physics.kinematics import Kinematics
+from ngfsi.run import run
 from ngfsi.solve.time_loop import TimeLoop
 from ngfsi.system.forms import residual_form
 from ngfsi.system.system import System
 from ngfsi.units import MMHG
 from tests.measure.test_energy import balance
+from tests.runs import assert_resumed
 from tests.vein import COARSE, TUBE, case_of, position, set_motion, steady, system_of
 
 Array = NDArray[np.float64]
@@ -71,6 +75,11 @@ CLOSING = case_of(VEIN, **{
 })  # fmt: skip
 """A flat vein in soft tissue that is pressed until its sides touch."""
 IN_TIME = {"time.scheme": "bdf2", "time.step": 0.1, "time.end": 0.4}
+FLOWING = CLOSING.replace(**{
+    "loads.inlet_flow": FlowConstant(value=1e-7), "time.step": 0.25, "time.end": 0.5, "output.checkpoint_every": 1,
+    "output.fields_every": 4,
+})  # fmt: skip
+"""The same as a run with some flow, in four steps: its sides near each other in the first, and touch in the last."""
 
 
 def test_a_flat_vein_closes_and_opens_again() -> None:
@@ -111,3 +120,12 @@ def test_the_power_of_the_contact() -> None:
         assert taken == pytest.approx((energies[0] - energies[1]) / 2e-5, rel=0.02)
         assert taken > 5e-3 * size
     assert Deformation(system).smallest_jacobian(system.domain.lumens[0]) < 0.2
+
+
+def test_resumed_in_contact_it_is_the_same_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the last bit; it goes on from where the sides are near each other."""
+    whole = run(FLOWING, tmp_path / "whole", quiet=True)
+    least = whole.series["detF_min_fluid_1"]
+    assert least[1] < 0.4
+    assert least[-1] < 0.25
+    assert_resumed(FLOWING, tmp_path / "run", whole.path, monkeypatch)

@@ -538,6 +538,16 @@ def _displacement() -> Outcome:
     return means, [0.2e-3, -0.4e-3, 0.6e-3]
 
 
+@entry("StockingModel.tension", "StockingModel.heights", "StockingModel.over_time", rel=1e-3)
+def _stocking() -> Outcome:
+    """Its mean over the skin of a tube, the tension over the radius, at a third of the rise and two of its heights."""
+    rise = {"kind": "ramp", "final": 0.6, "duration_s": 0.3}
+    worn = {"kind": "stocking", "tension_N_m": [10.0, 40.0], "heights_mm": [-10.0, 20.0], "over_time": rise}
+    system = system_of(case_of(TUBE, **{"loads.further": (worn,)}))
+    system.update(0.1)
+    return Probe(system).mean_skin_pressure(), 0.2 * 25.0 / TUBE.outer_radius
+
+
 def cuff(**changes: Any) -> Callable[[float, float], float]:
     """Return the fraction of its pressure that a cuff exerts on the skin of a tube, by angle and z."""
     given = {"pressure": curves.PressureConstant(value=1.0), "start": 2e-3, "end": 8e-3, "edge": 1e-3} | changes
