@@ -25,7 +25,9 @@ from ngfsi.errors import NgfsiError, unknown
 
 T = TypeVar("T", bound=type)
 
-IN_CASES = ("ngfsi.geometries", "ngfsi.solid_laws", "ngfsi.fluid_laws", "ngfsi.conditions", "ngfsi.openings")
+IN_CASES = (
+    "ngfsi.geometries", "ngfsi.solid_laws", "ngfsi.fluid_laws", "ngfsi.conditions", "ngfsi.openings", "ngfsi.scalars"
+)  # fmt: skip
 """Groups of what case files name."""
 
 _registered: list[EntryPoint] = []

@@ -20,8 +20,8 @@ from ngfsi.registry import IN_CASES
 ROOT = Path(ngfsi.__file__).parent
 ORDER = (
     "arrays", "errors", "units", "registry", "process", "config", "parallel", "mesh", "outlines", "materials",
-    "physics", "conditions", "case", "system", "linear", "solve", "measure", "store", "analysis", "report", "identify",
-    "run", "study", "bench", "verify", "cli",
+    "physics", "conditions", "transport", "case", "system", "linear", "solve", "measure", "store", "analysis", "report",
+    "identify", "run", "study", "bench", "verify", "cli",
 )  # fmt: skip
 NAMED = re.compile(r"(ngfsi(?:\.\w+)+)(?::\w+)?")
 """A module in a text, or a function of one that a child process calls."""

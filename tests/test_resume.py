@@ -23,6 +23,7 @@ from ngfsi.run.interrupts import Stops
 from ngfsi.solve.newton import Solution
 from ngfsi.solve.time_loop import TimeLoop
 from ngfsi.store import RunFolder, open_run
+from ngfsi.transport.models import Age, Exposure, NearWall, Washout
 from tests.vein import TUBE, case_of
 
 CASE = case_of(
@@ -34,6 +35,7 @@ CASE = case_of(
         "output.fields_every": 3,
         "output.checkpoint_every": 2,
         "output.stability": True,
+        "scalars": (Age(), Washout(start=0.1), Exposure(), NearWall(layer=1e-3)),
     },
 )
 STEPS = 6

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.settings import contract, geometry, numerics, physics  # noqa: F401 - they enter
+from tests.settings import carried, contract, geometry, numerics, physics  # noqa: F401 - they enter
 from tests.settings.table import ENTRIES, Outcome, all_keys
 
 

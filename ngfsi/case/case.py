@@ -33,6 +33,7 @@ from ngfsi.config.model import ConfigModel, one_of, registered
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.outlines.displacement import OutlineDisplacement
+from ngfsi.transport.models import ScalarModel, check_names
 from ngfsi.units import MMHG, Pressure, Time
 
 
@@ -283,6 +284,9 @@ class Case(ConfigModel):
     time: TimeStepping
     solver: Solver = Solver()
     output: Output = Output()
+    scalars: tuple[Annotated[ScalarModel, registered("kind", "ngfsi.scalars", ScalarModel)], ...] = ()
+    """What the blood carries, without an influence on the flow: scalars by the `kind` under which they are registered.
+    """
 
     @model_validator(mode="after")
     def _each_region_has_a_material(self) -> Self:
@@ -317,6 +321,14 @@ class Case(ConfigModel):
         if self.conditions.contact and not walls:
             name = type(self.geometry).__name__
             raise key_error("conditions.contact", f"is for blood within solids, whose mesh it presses: {name} has none")
+        return self
+
+    @model_validator(mode="after")
+    def _scalars_are_carried(self) -> Self:
+        if self.scalars and not any(v.lumen for v in self.geometry.vessels):
+            raise key_error("scalars", f"are carried by blood: {type(self.geometry).__name__} has none")
+        if reason := check_names(self.scalars):
+            raise key_error("scalars", reason)
         return self
 
     @model_validator(mode="after")

@@ -15,6 +15,7 @@ from ngfsi.measure.branch import Branch, Layers
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.hole import Hole
 from ngfsi.measure.plane import PlaneSectionProbe
+from ngfsi.measure.scalars import Scalars
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.transmural import Side
 from ngfsi.measure.wall import ShearStatistics, Wall
@@ -166,6 +167,7 @@ class Probe:
         vessels: those with blood, in 3-D, by name.
         holes: those without, in 3-D, by name.
         plane: measures of a plane section; None in 3-D.
+        scalars: what the blood carries, which `refresh` does not take along; None: nothing.
     """
 
     def __init__(self, system: System) -> None:
@@ -175,6 +177,7 @@ class Probe:
         self.vessels = {} if in_plane else {v.name: VesselProbe(system, v) for v in vessels if v.lumen}
         self.holes = Hole.all_of(system)
         self.plane = PlaneSectionProbe(system) if in_plane and not system.domain.lumens else None
+        self.scalars = Scalars(system) if system.case.scalars else None
         self.integral = Integrals(system.domain.mesh)
         self._pressing = [c for c in system.conditions.values() if isinstance(c, PressureOn) and c.on_skin]
         if self._pressing:

@@ -71,7 +71,7 @@ def columns(probe: Probe) -> dict[str, Callable[[], float]]:
     The last are the smallest volume ratio det F in each region; of each opening the mean pressure of the blood, and
     the flow, in the direction of inlet or outlet, where a vessel has more than one of either; of each hole its pressure
     and volume; in the plane the areas inside of outlines and of regions, and the hydrostatic pressure at the wall's
-    outer face on either side.
+    outer face on either side. Those of what the blood carries begin with its name.
     """
     found: dict[str, Callable[[], float]] = {}
     for given in registry.everything("ngfsi.quantities", "quantity").values():
@@ -91,6 +91,8 @@ def columns(probe: Probe) -> dict[str, Callable[[], float]]:
         found[f"pressure_{hole.vessel.interface}_Pa"] = hole.pressure
         found[f"{prefix}lumen_volume_m3"] = hole.volume
         found[f"{prefix}lumen_area_mean_m2"] = partial(lambda one: one.volume() / one.length, hole)
+    if probe.scalars:
+        found |= probe.scalars.columns()
     if plane := probe.plane:
         found |= {f"{name}_area_m2": partial(plane.enclosed_area, name) for name in plane.outlines}
         found |= {f"{name}_area_m2": partial(plane.region_area, name) for name in probe.domain.regions}

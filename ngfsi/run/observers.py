@@ -15,6 +15,7 @@ from ngfsi.case import Case
 from ngfsi.errors import SolverError
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import columns
+from ngfsi.measure.scalars import Scalars
 from ngfsi.measure.shape import Shape
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.physics.fields import MOTION
@@ -70,6 +71,25 @@ class Series(Observer):
                 self._folder.log(f"t = {time:.6g} s: {warning}")
 
 
+class Carrying(Observer):
+    """Takes along what the blood carries: before what is measured of it is written."""
+
+    name = "scalars"
+
+    def __init__(self, scalars: Scalars, watch: Stopwatch) -> None:
+        self._scalars, self._watch = scalars, watch
+
+    def look(self, time: float, _step: Step | None) -> None:
+        with self._watch("scalars"):
+            self._scalars.advance(time)
+
+    def state_arrays(self) -> dict[str, Array]:
+        return self._scalars.state_arrays()
+
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
+        self._scalars.restore_state(arrays)
+
+
 class WallFields(Observer):
     """The vessels' inner walls with their wall shear stress."""
 
@@ -106,6 +126,8 @@ class VolumeFields(Observer):
                 except SolverError as error:
                     self._folder.log(f"t = {time:.6g} s: no stability: {error}")
         with self._watch("output"):
+            if self._probe.scalars:
+                self._probe.scalars.refresh_fields()
             self._writer.write(time)
             for number, vessel in enumerate(self._probe.vessels.values()):
                 for branch, along in enumerate(vessel.branches.values()):
@@ -141,8 +163,10 @@ def observers_of(
     """
     stability = _stability(system) if case.output.stability and system.solids else None
     fields = volume_fields(system) | ({COLLAPSE: stability.mode} if stability and stability.mode else {})
-    writer = FieldWriter(folder.path, system.domain, fields, until)
-    found: list[Observer] = [Series(probe, folder, watch)]
+    scalars = probe.scalars
+    writer = FieldWriter(folder.path, system.domain, fields | (scalars.fields() if scalars else {}), until)
+    found: list[Observer] = [Carrying(scalars, watch)] if scalars else []
+    found.append(Series(probe, folder, watch))
     if probe.vessels:
         found.append(WallFields(probe, writer, watch, case.output.wall_every))
     return [*found, VolumeFields(probe, writer, folder, watch, case.output.fields_every, stability)]

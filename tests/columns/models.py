@@ -19,10 +19,12 @@ from ngfsi.measure import quantities
 from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.system.system import System
+from ngfsi.transport.models import Age, Exposure, NearWall, Washout
 from tests.columns import fields, vessel
 from tests.columns.fields import Field, at, cauchy, cofactor, deformation, on, pressure, within
-from tests.columns.table import entry, source
+from tests.columns.table import entry, held_by, source
 from tests.runs import row
+from tests.transport import test_scalars
 from tests.vein import TUBE, case_of, domain_of, value_of
 
 Array = NDArray[np.float64]
@@ -199,3 +201,24 @@ def _beside_the_wall() -> Mapping[str, float]:
     laws = {"tissue": vessel.TISSUE, "wall": vessel.WALL}
     return {f"p_{name}_side_Pa": np.average(pressure(cauchy(law, elastic)), weights=sizes)
             for name, law in laws.items()}  # fmt: skip
+
+
+CARRIED = "series.csv of what the blood carries"
+_OF_SCALARS = (
+    (test_scalars.test_age_of_developed_flow, "age_mean_s", "age_max_s", "age_outlet_s"),
+    (test_scalars.test_washout_of_developed_flow, "washout_mean_1", "washout_max_1", "washout_outlet_1",
+     "washout_left_1", "washout_time_s"),
+    (test_scalars.test_exposure_where_all_deforms_alike, "exposure_mean_1", "exposure_max_1", "exposure_outlet_1"),
+    (test_scalars.test_time_near_the_wall, "near_wall_mean_s", "near_wall_max_s", "near_wall_outlet_s"),
+)  # fmt: skip
+
+
+@source(CARRIED)
+def _carried() -> Mapping[str, float]:
+    scalars = test_scalars.carrying(Age(), Washout(), Exposure(), NearWall())
+    scalars.advance(0.0)
+    return {column: of() for column, of in scalars.columns().items()}
+
+
+for _test, *_columns in _OF_SCALARS:
+    held_by(_test, CARRIED, *_columns)

@@ -20,7 +20,9 @@ from ngfsi.config.functions import (
 )
 from ngfsi.config.model import ConfigModel
 
-GROUPS = ("ngfsi.geometries", "ngfsi.solid_laws", "ngfsi.fluid_laws", "ngfsi.openings", "ngfsi.conditions")
+GROUPS = (
+    "ngfsi.geometries", "ngfsi.solid_laws", "ngfsi.fluid_laws", "ngfsi.openings", "ngfsi.conditions", "ngfsi.scalars"
+)  # fmt: skip
 
 CURVES = (PressureConstant, PressureRamp, PressureSmoothRamp, PressureTable, PressureHarmonics, PressureWaveform,
           Hydrostatic)  # fmt: skip
