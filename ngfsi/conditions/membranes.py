@@ -40,7 +40,7 @@ class OnBoundary(Condition):
             raise CaseError("materials.membranes have no small strain: use conditions.strain = 'finite'")
         place = Place(self._domain, self._membrane.on, setup.unknowns.order, ng.Id(3), Parameter(0.0),
                       lambda: ng.Id(3), lambda F: F)  # fmt: skip
-        self._model = self._membrane.material.bind(place)
+        self._model = self._membrane.material.at(self._domain, place.region).bind(place)
 
     def static_integrals(self, m: Any, v: Any) -> list[Integral]:
         given, normal = self._membrane, ng.specialcf.normal(3)

@@ -251,6 +251,13 @@ def _solid_viscosity() -> Outcome:
     return found - stress(SVK), J ** (-5 / 3) * deviator(F @ Q @ F.T)
 
 
+@entry("SolidLaw.varying", "Variation.kind", "Variation.parameter", rel=1e-7)
+def _varying() -> Outcome:
+    """At half height of the tube, where the stress is looked at, the factor is in the middle of two."""
+    table = {"kind": "by_height", "parameter": "young", "z_mm": [4, 6], "factors": [1.5, 2.5]}
+    return stress(SVK.replace(varying=(table,))), 2 * stress(SVK)
+
+
 @entry("LinearAtRest.young", rel=1e-7)
 def _young() -> Outcome:
     return stress(SVK.replace(young=60e3)), 2 * stress(SVK)
