@@ -284,7 +284,7 @@ class CylinderInDuct(CylinderInChannel):
         circle = Ellipse("cylinder", self.cylinder_x, self.cylinder_y, self.cylinder_radius)
         around = np.unique(parts.pop("cylinder")).astype(np.int32)
         ring = Ring(circle, around[np.argsort(circle.angles(points[around]))], None, "fluid")
-        sides = [Side(name, np.array(edges, dtype=np.int32), "fluid") for (name, _), edges in parts.items()]
+        sides = [Side(name, np.array(edges, dtype=np.int32)) for (name, _), edges in parts.items()]
         cells = [("fluid", counter_clockwise(points, triangles))]
         section = SectionMesh(points, cells, [ring], sides)
         heights = layer_heights(self.height, self.layers, self.end_refinement)

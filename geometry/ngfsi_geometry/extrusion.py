@@ -9,6 +9,7 @@ of outer boundaries point out of the body, those of faces between regions away f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from math import cos, sin
 from typing import Any
 
@@ -20,12 +21,16 @@ from numpy.typing import NDArray
 from ngfsi_geometry.plane import Ellipse, Indices, Points, SectionMesh
 
 
-def extrude(section: SectionMesh, heights: Points, ends: Mapping[str, tuple[str, str]], split: bool) -> Any:
+def extrude(
+    section: SectionMesh, heights: Points, ends: Mapping[str, tuple[str, str]], split: bool,
+    regions: Sequence[Sequence[NDArray[np.str_]]] | None = None,
+) -> Any:  # fmt: skip
     """Return the Netgen mesh of the section extruded through the heights z [m] (increasing, from 0).
 
     Args:
         ends: material -> boundary names of its faces at the first and at the last height.
         split: tetrahedra instead of prisms (needs a section of triangles).
+        regions: for each layer the material of each cell, where it is another than that of the section.
 
     The mesh has names and is straight; with ellipses alone it has a CSG geometry for `Curve`.
     """
@@ -33,36 +38,72 @@ def extrude(section: SectionMesh, heights: Points, ends: Mapping[str, tuple[str,
     mesh = nm.Mesh(dim=3)
     in_plane = np.tile(section.points, (layers + 1, 1))
     mesh.AddPoints(np.ascontiguousarray(np.column_stack([in_plane, np.repeat(heights, plane)])))
-    domains = {name: k for k, name in enumerate(dict.fromkeys(name for name, _ in section.cells), start=1)}
+    if regions is None:
+        regions = [[np.full(len(cell), name) for name, cell in section.cells]] * layers
+    there = dict.fromkeys(str(name) for layer in regions for part in layer for name in dict.fromkeys(part.tolist()))
+    domains = {name: k for k, name in enumerate(there, start=1)}
+    numbers = [np.concatenate([[domains[n] for n in part.tolist()] for part in layer]) for layer in regions]
     # Curve gives an edge shared by two faces the surface of the later one: planes first, so that rims become arcs
     for name, domain in domains.items():
-        cells = [cell for material, cell in section.cells if material == name]
-        _add_face(mesh, ends[name][0], 0, (domain, 0), [cell[:, ::-1] for cell in cells])
-        _add_face(mesh, ends[name][1], 1, (domain, 0), [cell + layers * plane for cell in cells])
-    for surface, ring in enumerate(section.rings, start=2):
-        sides = domains.get(ring.inside or "", 0), domains.get(ring.outside or "", 0)
-        strip = np.column_stack((ring.nodes, np.roll(ring.nodes, -1)))
-        faces = np.vstack([_raise_edges(strip, k, plane, split) for k in range(layers)])
-        if ring.inside is None:
-            sides, faces = sides[::-1], faces[:, ::-1]
-        _add_face(mesh, ring.circle.name, surface, sides, [faces])
-    for surface, side in enumerate(section.sides, start=2 + len(section.rings)):
-        faces = np.vstack([_raise_edges(side.edges, k, plane, split) for k in range(layers)])
-        _add_face(mesh, side.name, surface, (domains[side.material], 0), [faces])
-    for name, cell in section.cells:
-        mesh.SetMaterial(domains[name], name)
-        bodies = np.vstack([_raise_cells(cell, k, plane, split) for k in range(layers)])
-        mesh.AddElements(dim=3, index=domains[name], data=np.ascontiguousarray(bodies), base=0)
+        for surface, layer in enumerate((0, layers - 1)):
+            cells = [cell[part == name] for (_, cell), part in zip(section.cells, regions[layer], strict=True)]
+            faces = [cell[:, ::-1] if surface == 0 else cell + layers * plane for cell in cells if len(cell)]
+            if faces:
+                _add_face(mesh, ends[name][surface], surface, (domain, 0), faces)
+    beside = _cells_beside(section)
+    strips = [(ring.circle.name, np.column_stack((ring.nodes, np.roll(ring.nodes, -1)))) for ring in section.rings]
+    strips += [(side.name, side.edges) for side in section.sides]
+    for surface, (name, edges) in enumerate(strips, start=2):
+        _add_strip(mesh, name, surface, edges, beside, numbers, plane, split)
+    for name, domain in domains.items():
+        mesh.SetMaterial(domain, name)
+    for (k, (_, cell)), (name, domain) in product(enumerate(section.cells), domains.items()):
+        chosen = [cell[layer[k] == name] for layer in regions]
+        bodies = np.vstack([_raise_cells(part, n, plane, split) for n, part in enumerate(chosen)])
+        mesh.AddElements(dim=3, index=domain, data=np.ascontiguousarray(bodies), base=0)
     ellipses = [ring.circle for ring in section.rings if isinstance(ring.circle, Ellipse)]
-    if len(ellipses) < len(section.rings):
-        return mesh
-    geometry = csg_surfaces(ellipses, float(heights[-1]))
+    if len(ellipses) == len(section.rings):
+        mesh.SetGeometry(_surfaces(section, ellipses, float(heights[-1])))
+    return mesh
+
+
+def _surfaces(section: SectionMesh, ellipses: Sequence[Ellipse], length: float) -> Any:
+    """Return the CSG geometry of all surfaces."""
+    geometry = csg_surfaces(ellipses, length)
     for side in section.sides:
         begin, end = section.points[side.edges[0]]
         outwards = csg.Vec(end[1] - begin[1], begin[0] - end[0], 0)
         geometry.Add(csg.Plane(csg.Pnt(*begin, 0), outwards))
-    mesh.SetGeometry(geometry)
-    return mesh
+    return geometry
+
+
+def _cells_beside(section: SectionMesh) -> dict[tuple[int, int], int]:
+    """Return by directed edge of the section the number, over all materials, of the cell to its left."""
+    found, first = {}, 0
+    for _, cells in section.cells:
+        for k, cell in enumerate(cells.tolist(), start=first):
+            found.update({(a, b): k for a, b in zip(cell, cell[1:] + cell[:1], strict=True)})
+        first += len(cells)
+    return found
+
+
+def _add_strip(
+    mesh: Any, name: str, surface: int, edges: Indices, beside: Mapping[tuple[int, int], int],
+    numbers: Sequence[NDArray[np.int_]], plane: int, split: bool,
+) -> None:  # fmt: skip
+    """Add the faces over directed edges, one face for each pair of domains to the left and to the right of them."""
+    faces: dict[tuple[int, int], list[Indices]] = {}
+    for layer, domains in enumerate(numbers):
+        pairs = [tuple(int(domains[k]) if (k := beside.get(way, -1)) >= 0 else 0 for way in ((a, b), (b, a)))
+                 for a, b in edges.tolist()]  # fmt: skip
+        for sides in dict.fromkeys(pairs):
+            chosen = edges[[pair == sides for pair in pairs]]
+            faces.setdefault((sides[0], sides[1]), []).append(_raise_edges(chosen, layer, plane, split))
+    for (left, right), strips in faces.items():
+        whole = np.vstack(strips)
+        if left == 0:
+            left, right, whole = right, left, whole[:, ::-1]
+        _add_face(mesh, name, surface, (left, right), [whole])
 
 
 def _raise_edges(edges: Indices, layer: int, plane: int, split: bool) -> Indices:

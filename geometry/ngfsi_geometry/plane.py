@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import cos, hypot, pi, sin, sqrt
+from itertools import pairwise
+from math import ceil, cos, hypot, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -188,11 +189,27 @@ class Ring:
 
 @dataclass(frozen=True)
 class Side:
-    """A straight, named side of a section: its edges (m, 2), the material to the left of them and none to the right."""
+    """A straight, named line of a section, by its edges (m, 2), in the direction that has a material to their left."""
 
     name: str
     edges: Indices
-    material: str
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line between two curves of a section, from one of the given nodes of each, straight or with corners.
+
+    Attributes:
+        start, end: number of the curve among the loops, and of the node on it.
+        corners: [m].
+        size: longest edge [m].
+    """
+
+    name: str
+    start: tuple[int, int]
+    end: tuple[int, int]
+    corners: Sequence[tuple[float, float]]
+    size: float
 
 
 @dataclass(frozen=True)
@@ -203,7 +220,7 @@ class SectionMesh:
         points: shape (n, 2) [m].
         cells: pairs of material and counter-clockwise triangles (m, 3) or quadrilaterals (m, 4).
         rings: the circles, from the skin inwards.
-        sides: straight parts of the outline.
+        sides: straight parts of the outline, and lines inside.
     """
 
     points: Points
@@ -217,37 +234,87 @@ def even_angles(segments: int) -> Points:
     return 2 * np.pi * (np.arange(segments) + 0.25) / segments
 
 
-def triangulate(material: str, loops: Sequence[tuple[Curve, Points]], size: float) -> SectionMesh:
-    """Triangulate the inside of the last curve without the others; each curve comes with the angles of its nodes.
+def triangulate(
+    materials: Sequence[str], loops: Sequence[tuple[Curve, Points]], size: float,
+    lines: Sequence[Line] = (), material_at: Callable[[Points], Indices] | None = None,
+) -> SectionMesh:  # fmt: skip
+    """Triangulate the inside of the last curve without holes; each curve comes with the angles of its nodes.
 
     Where Netgen adds a node to a curve it is moved onto it. Lengths are scaled by the disc's radius before meshing,
     since the mesher compares lengths with absolute tolerances.
+
+    Args:
+        materials: names; the first one is everywhere unless `material_at` is given.
+        loops: curves beside or inside of each other, the outermost one last.
+        size: of the elements [m].
+        lines: borders between materials.
+        material_at: returns for points (n, 2) [m] the number of the material, from 1; 0: a hole. Default: all
+            curves but the last are holes.
     """
     scale = loops[-1][0].radius
     plane = SplineGeometry()
-    for circle, angles in loops:
-        corners = circle.points(angles) / scale
-        ids = [plane.AppendPoint(*corner) for corner in corners]
-        sides = (1, 0) if circle is loops[-1][0] else (0, 1)
-        for k, begin in enumerate(ids):
-            after = (k + 1) % len(ids)
-            maxh = 1.2 * float(np.linalg.norm(corners[after] - corners[k]))
-            plane.Append(["line", begin, ids[after]], leftdomain=sides[0], rightdomain=sides[1], maxh=maxh)
+    ids = [[plane.AppendPoint(*corner) for corner in circle.points(angles) / scale] for circle, angles in loops]
+    places = [circle.points(angles) for circle, angles in loops]
+    pieces: list[tuple[int, int, Points, Points]] = []
+    groups: list[range] = []
+    for ring, on_ring in zip(ids, places, strict=True):
+        ends = [(k, (k + 1) % len(ring)) for k in range(len(ring))]
+        groups.append(range(len(pieces) + 1, len(pieces) + 1 + len(ends)))
+        pieces += [(ring[a], ring[b], on_ring[a], on_ring[b]) for a, b in ends]
+    legs: list[str] = []
+    for line in lines:
+        (i, a), (j, b) = line.start, line.end
+        ends_of_legs = [ids[i][a], *(plane.AppendPoint(x / scale, y / scale) for x, y in line.corners), ids[j][b]]
+        corners = [places[i][a], *np.array(line.corners).reshape(-1, 2), places[j][b]]
+        for (first, last), (p, q) in zip(pairwise(ends_of_legs), pairwise(corners), strict=True):
+            count = ceil(float(np.hypot(*(q - p))) / line.size)
+            between = [p + (q - p) * t for t in np.linspace(0, 1, count + 1)]
+            numbers = [first, *(plane.AppendPoint(*(one / scale)) for one in between[1:-1]), last]
+            groups.append(range(len(pieces) + 1, len(pieces) + 1 + count))
+            pieces += [(*pair, *ends) for pair, ends in zip(pairwise(numbers), pairwise(between), strict=True)]
+            legs.append(line.name)
+    on_sides = [((1, 0) if k is groups[len(loops) - 1] else (0, 1)) for k in groups for _ in k]
+    if material_at is not None:
+        on_sides = _beside(np.array([[p, q] for _, _, p, q in pieces]), material_at)
+    for (begin, after, p, q), (left, right) in zip(pieces, on_sides, strict=True):
+        maxh = 1.2 * float(np.linalg.norm(q / scale - p / scale))
+        plane.Append(["line", begin, after], leftdomain=left, rightdomain=right, maxh=maxh)
     mesh = plane.GenerateMesh(maxh=size / scale, grading=GROWTH)
     points = np.array([point.p[:2] for point in mesh.Points()]) * scale
     triangles = np.array([[v.nr - 1 for v in t.vertices] for t in mesh.Elements2D()], dtype=np.int32)
+    domains = np.array([t.index for t in mesh.Elements2D()])
     # edges have the number of the line of which they are a part
-    rims = np.array([(edge.index, v.nr - 1) for edge in mesh.Elements1D() for v in edge.vertices], dtype=np.int32)
+    edges = np.array([(edge.index, *(v.nr - 1 for v in edge.vertices)) for edge in mesh.Elements1D()], dtype=np.int32)
+    of = [edges[(edges[:, 0] >= group[0]) & (edges[:, 0] <= group[-1]), 1:] for group in groups]
     rings: list[Ring] = []
-    first = 1
-    for circle, given in loops:
-        nodes = np.unique(rims[(rims[:, 0] >= first) & (rims[:, 0] < first + len(given)), 1])
-        first += len(given)
+    for (circle, _), own in zip(loops, of, strict=False):
+        nodes = np.unique(own)
         angles = circle.angles(points[nodes])
         points[nodes] = circle.points(angles)
-        sides_of = (material, None) if circle is loops[-1][0] else (None, material)
+        sides_of = (materials[0], None) if circle is loops[-1][0] else (None, materials[0])
         rings.insert(0, Ring(circle, nodes[np.argsort(angles)], *sides_of))
-    return SectionMesh(points, [(material, counter_clockwise(points, triangles))], rings)
+    triangles = counter_clockwise(points, triangles)
+    cells = [(name, triangles[domains == k]) for k, name in enumerate(materials, start=1) if np.any(domains == k)]
+    sides = tuple(Side(name, own) for name, own in zip(legs, of[len(loops) :], strict=True))
+    return SectionMesh(points, cells, rings, sides)
+
+
+def within(points: Points, corners: Points) -> NDArray[np.bool_]:
+    """Return which points (n, 2) lie in a polygon (m, 2): beyond an odd number of its sides to the right of them."""
+    (x, y), (u, v) = points.T[:, :, None], (np.roll(corners, -1, axis=0) - corners).T
+    above = (corners[:, 1] > y) != (np.roll(corners[:, 1], -1) > y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        beyond = above & (x < corners[:, 0] + u * (y - corners[:, 1]) / v)
+    return np.asarray(beyond.sum(axis=1) % 2 == 1)
+
+
+def _beside(ends: Points, material_at: Callable[[Points], Indices]) -> list[tuple[int, int]]:
+    """Return the materials to the left and to the right of lines between points (n, 2, 2) [m]."""
+    along = ends[:, 1] - ends[:, 0]
+    off = 0.02 * np.column_stack([-along[:, 1], along[:, 0]])
+    middles = ends.mean(axis=1)
+    left, right = material_at(middles + off), material_at(middles - off)
+    return [(int(a), int(b)) for a, b in zip(left, right, strict=True)]
 
 
 def counter_clockwise(points: Points, triangles: Indices) -> Indices:
@@ -282,9 +349,9 @@ def fill_vein(
         circle, nodes, outside, count = inner, new, material, count + len(new)
     rings.append(Ring(circle, nodes, core, outside))
     if core is None:
-        return SectionMesh(np.vstack(points), cells, rings)
+        return SectionMesh(np.vstack(points), cells, rings, section.sides)
     core_points, core_triangles = fill_core(circle, nodes, angles, count)
-    return SectionMesh(np.vstack([*points, core_points]), [*cells, (core, core_triangles)], rings)
+    return SectionMesh(np.vstack([*points, core_points]), [*cells, (core, core_triangles)], rings, section.sides)
 
 
 def annulus(outer: Indices, inner: Indices, split: bool) -> Indices:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, pairwise
 from math import ceil, cos, degrees, isclose, pi, sin, sqrt
 from typing import Any, ClassVar, Literal
@@ -18,7 +19,19 @@ from ngfsi.mesh.curving import BoundaryMotion
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.units import Angle, Area, Length
 from ngfsi_geometry.extrusion import extrude, layer_heights
-from ngfsi_geometry.plane import Curve, Ellipse, SectionMesh, Star, even_angles, fill_vein, triangulate
+from ngfsi_geometry.plane import (
+    Curve,
+    Ellipse,
+    Indices,
+    Line,
+    Points,
+    SectionMesh,
+    Star,
+    even_angles,
+    fill_vein,
+    triangulate,
+    within,
+)
 
 TISSUE_ENDS = ("tissue_bottom", "tissue_top")
 
@@ -33,6 +46,9 @@ MOST_EDGES = 10_000
 
 LARGEST_RATIO = 5.0
 """Of the axes of a lumen."""
+
+FINE_ANGLES = 720
+"""Places on a curve at which its distance from others is looked at."""
 
 EDGES_OF_AN_OVAL = 6
 """Edges around a lumen, for each unit of its aspect ratio, with which its tips are resolved."""
@@ -170,6 +186,19 @@ class StraightVein:
         )  # fmt: skip
 
 
+class FatLayer(ConfigModel):
+    """Fat under the skin: the region `fat`, which the boundary `fascia` parts from what is inside."""
+
+    refusal: ClassVar[type[NgfsiError]] = GeometryError
+
+    thickness: Length = Field(
+        5e-3,
+        gt=0,
+        description="an assumption, from usual skinfolds at the medial calf of 9 mm in men and 18 mm in women, which "
+        "are two layers",
+    )
+
+
 class VeinSegment(ConfigModel):
     """A straight vein in a cylinder of tissue, from z = 0 (inlet) to z = length (outlet); base of the builders."""
 
@@ -204,6 +233,7 @@ class VeinSegment(ConfigModel):
         False,
         description="whether lumens are holes without blood, in which `loads.outlet_pressure` presses: solids alone",
     )
+    fat: FatLayer | None = Field(None, description="layer of fat under the skin, a region of its own")
     mesh: MeshSettings = MeshSettings()
 
     @property
@@ -227,12 +257,18 @@ class VeinSegment(ConfigModel):
     @property
     def vessels(self) -> tuple[Vessel, ...]:
         """All veins."""
-        return tuple(vein.vessel(self.length, "tissue" in self.solids) for vein in self.veins)
+        return tuple(vein.vessel(self.length, bool(self.tissues)) for vein in self.veins)
+
+    @property
+    def tissues(self) -> tuple[str, ...]:
+        """Names of the regions around the veins."""
+        return ("tissue",)
 
     @property
     def solids(self) -> tuple[str, ...]:
         """Names of the regions of the solids."""
-        return "tissue", *(region for vein in self.veins for region in vein.coats)
+        fat = ("fat",) if self.fat else ()
+        return *self.tissues, *(region for vein in self.veins for region in vein.coats), *fat
 
     @property
     def lumen_radius(self) -> float:
@@ -273,6 +309,23 @@ class VeinSegment(ConfigModel):
         return Ellipse("skin", 0.0, 0.0, self.skin_radius)
 
     @property
+    def fascia(self) -> Ellipse:
+        """Cross-section of what is inside of the fat, before any taper; without fat the skin."""
+        return (
+            replace(self.skin, name="fascia", radius=self.skin_radius - self.fat.thickness) if self.fat else self.skin
+        )
+
+    @property
+    def rims(self) -> tuple[Ellipse, ...]:
+        """Curves of the section around which there are tissues or fat: those around all, the skin last, and bones."""
+        return *self.bones, *((self.fascia,) if self.fat else ()), self.skin
+
+    @property
+    def septa(self) -> tuple[str, ...]:
+        """Names of plane borders between tissues."""
+        return ()
+
+    @property
     def wall_outer(self) -> Ellipse:
         """Outer surface of the first vein's wall."""
         return self.veins[0].wall_outer
@@ -285,20 +338,22 @@ class VeinSegment(ConfigModel):
     @property
     def ends(self) -> dict[str, tuple[str, str]]:
         """Region -> boundary names of its faces at z = 0 and z = length."""
-        tissue = {"tissue": TISSUE_ENDS} if "tissue" in self.solids else {}
-        return {region: pair for vein in self.veins for region, pair in vein.ends.items()} | tissue
+        around = dict.fromkeys((*self.tissues, *(("fat",) if self.fat else ())), TISSUE_ENDS)
+        return {region: pair for vein in self.veins for region, pair in vein.ends.items()} | around
 
     @property
     def surface_names(self) -> tuple[str, ...]:
         """Boundaries along z."""
         outer = [surface for vein in self.veins for surface, _ in vein.coats.values()]
-        coats = outer if "tissue" in self.solids else ()
-        return tuple(one.name for one in (self.skin, *self.bones, *coats, *(vein.interface for vein in self.veins)))
+        coats = outer if self.tissues else ()
+        fascia = (self.fascia,) if self.fat else ()
+        lumens = (vein.interface for vein in self.veins)
+        return *(one.name for one in (self.skin, *fascia, *self.bones, *coats, *lumens)), *self.septa
 
     @property
     def boundary_names(self) -> tuple[str, ...]:
         """Every boundary the mesh must have, curved ones first."""
-        return *self.surface_names, *(name for pair in self.ends.values() for name in pair)
+        return *self.surface_names, *dict.fromkeys(name for pair in self.ends.values() for name in pair)
 
     @property
     def internal_names(self) -> tuple[str, ...]:
@@ -318,7 +373,7 @@ class VeinSegment(ConfigModel):
         motions = dict.fromkeys(self.surface_names, CF((0, 0, 0)))
         for vein in oval:
             for surface, distance in vein.coats.values():
-                outer = surface.name if "tissue" in self.solids else self.skin.name
+                outer = surface.name if self.tissues else self.skin.name
                 motions[outer] = CF((*vein.thickening(surface, distance, x, y), 0))
         return BoundaryMotion(motions)
 
@@ -335,9 +390,18 @@ class VeinSegment(ConfigModel):
                 outer = lumen + vein.interface.length * distance + pi * distance**2
                 found[region], inside = (outer - inside) * self.length, outer
             holes.append(inside)
-        holes += [pi * bone.radius**2 for bone in self.bones]
-        tissue = {"tissue": self.skin_volume() - sum(holes) * self.length} if "tissue" in self.solids else {}
-        return tissue | found
+        around = self._volumes_around(holes) if self.tissues else {}
+        return around | found
+
+    def _volumes_around(self, holes: Sequence[float]) -> dict[str, float]:
+        """Return the volumes [m3] of tissue and fat around veins of given areas [m2]."""
+        inside = self.fascia_volume()
+        tissue = inside - (sum(holes) + sum(pi * bone.radius**2 for bone in self.bones)) * self.length
+        return {"tissue": tissue} | ({"fat": self.skin_volume() - inside} if self.fat else {})
+
+    def fascia_volume(self) -> float:
+        """Return the volume [m3] inside the fascia."""
+        return pi * self.fascia.radius**2 * self.length
 
     def skin_volume(self) -> float:
         """Return the volume [m3] inside the skin."""
@@ -365,12 +429,39 @@ class VeinSegment(ConfigModel):
     def _section(self, factor: float, curves: Mapping[str, Star]) -> SectionMesh:
         """Return the mesh of the cross-section, its element sizes multiplied by a factor."""
         far, near = self.mesh.far_size * factor, self.mesh.vein_size * factor
-        rims = [(vein.outermost, self._vein_segments(vein, near)) for vein in self.veins]
-        rims += [(circle, self._segments(circle, near, far)) for circle in (*self.bones, self.skin)]
-        section = triangulate("tissue", [(curves.get(c.name, c), even_angles(count)) for c, count in rims], far)
+        rims = [(vein.outermost, even_angles(self._vein_segments(vein, near))) for vein in self.veins]
+        rims += [(circle, self._angles(circle, near, far)) for circle in self.rims]
+        loops = [(curves.get(circle.name, circle), angles) for circle, angles in rims]
+        lines, material_at = self._lines(loops, near, far), None
+        if self.fat or lines:
+            # of chords, which is what is meshed
+            material_at = partial(self._material_at, {one.name: one.points(angles) for one, angles in loops})
+        names = (*self.tissues, "fat") if self.fat else self.tissues
+        section = triangulate(names, loops, far, lines, material_at)
         for vein in self.veins:
             section = self._filled(section, vein, vein.outermost.name, curves)
         return section
+
+    def _lines(self, _loops: list[tuple[Curve, Points]], _near: float, _far: float) -> list[Line]:
+        """Return the septa, and move nodes of the loops to where they end."""
+        return []
+
+    def _material_at(self, polygons: Mapping[str, Points], points: Points) -> Indices:
+        """Return the number of the material at points of the section: of `tissues` and fat, from 1; 0: none."""
+        found = self._tissue_at(points)
+        for name, corners in reversed(list(polygons.items())):
+            inside = within(points, corners)
+            if name == "skin":
+                found[~inside] = 0
+            elif name == "fascia":
+                found[~inside & (found > 0)] = len(self.tissues) + 1
+            else:
+                found[inside] = 0
+        return found
+
+    def _tissue_at(self, points: Points) -> Indices:
+        """Return the number of the tissue, from 1, that is or would be at points of the section."""
+        return np.ones(len(points), dtype=np.int32)
 
     def _filled(
         self, section: SectionMesh, vein: StraightVein, hole: str, curves: Mapping[str, Star] | None = None
@@ -387,7 +478,7 @@ class VeinSegment(ConfigModel):
     def _mesh_of_solids(self) -> Any:
         from ngfsi_geometry.csg import mesh_of_solids  # with Netgen's CSG, which nothing else needs
 
-        tissue = "tissue" in self.solids
+        tissue = bool(self.tissues)
         regions: dict[str, tuple[Ellipse, Sequence[Ellipse]]] = {}
         for vein in self.veins:
             if not self.hollow:
@@ -404,11 +495,20 @@ class VeinSegment(ConfigModel):
     def _check_positions(self) -> VeinSegment:
         """Refuse parts that overlap, leave the skin or nearly touch."""
         inner = (*self.outermost, *self.bones)
+        if self.fat and self.fat.thickness > self.skin_radius - NARROWEST_GAP:
+            raise ValueError(f"fat of {self.fat.thickness * 1e3:g} mm leaves nothing inside: make it thinner")
         gaps = [(a, b, a.beside(b)) for a, b in combinations(inner, 2)]
-        gaps += [(a, self.skin, a.inside(self.skin)) for a in inner]
+        gaps += [(a, self.fascia, a.inside(self.fascia)) for a in inner]
         for a, b, gap in gaps:
             if gap < NARROWEST_GAP:
                 raise ValueError(_collision(a, b, gap))
+        return self
+
+    @model_validator(mode="after")
+    def _check_element(self) -> VeinSegment:
+        """Refuse parts that Netgen's own meshes have not."""
+        if self.mesh.element == "csg" and (self.fat or self.septa):
+            raise ValueError("meshes of element = 'csg' have neither fat nor compartments: use another element")
         return self
 
     @model_validator(mode="after")
@@ -453,12 +553,22 @@ class VeinSegment(ConfigModel):
             segments = max(segments, pi * sqrt(3 / thinnest))
         return 2 * max(4, ceil(segments / 2))
 
-    def _segments(self, circle: Ellipse, near: float, far: float) -> int:
-        """Return the number of edges on a circle: elements grow with the distance to veins, gaps are resolved."""
-        others = [c for c in (self.skin, *self.bones, *self.outermost) if c != circle]
+    def _angles(self, circle: Ellipse, near: float, far: float) -> Points:
+        """Return the angles of the nodes on a circle: elements grow with the distance to veins, gaps are resolved; on
+        the fascia, which is near to a bone at one place, there."""
+        others = [c for c in (self.skin, *self.rims[:-1], *self.outermost) if c != circle]
         to_vein = min(circle.gap(outer) for outer in self.outermost)
-        size = min(far, near + 0.5 * to_vein, *(2 * circle.gap(c) for c in others))
-        return max(8, ceil(2 * pi * circle.radius / size))
+        size = min(far, near + 0.5 * to_vein)
+        if circle.name == "fascia":
+            at = even_angles(FINE_ANGLES)
+            places = np.vstack([other.points(even_angles(FINE_ANGLES)) for other in others])
+            gaps = np.hypot(*(circle.points(at)[:, None] - places[None]).T).min(axis=0)
+            density = np.cumsum(1 / np.minimum(size, 2 * gaps))
+            count = max(8, ceil(2 * pi * circle.radius / FINE_ANGLES * density[-1]))
+            nodes = density[-1] * (np.arange(count) + 0.25) / count
+            return np.asarray(np.interp(nodes, np.r_[0.0, density], np.r_[0.0, at + np.pi / FINE_ANGLES / 2]))
+        size = min(size, *(2 * circle.gap(c) for c in others))
+        return even_angles(max(8, ceil(2 * pi * circle.radius / size)))
 
 
 def _between(inner: Star, outer: Star, vein: StraightVein, circle: Ellipse) -> Star:

@@ -30,9 +30,9 @@ class BareTube(TubeSegment):
     """A tube of wall alone, without tissue: its outer surface is the skin."""
 
     @property
-    def solids(self) -> tuple[str, ...]:
-        """Name of the region of the wall."""
-        return ("wall",)
+    def tissues(self) -> tuple[str, ...]:
+        """There are none."""
+        return ()
 
     @property
     def skin_radius(self) -> float:
@@ -57,4 +57,6 @@ class BareTube(TubeSegment):
         """Accept any size: there is nothing beside the wall."""
         if self.sheath_thickness:
             raise ValueError("a tube of wall alone has no sheath: leave out sheath_thickness, or use the type tube")
+        if self.fat:
+            raise ValueError("a tube of wall alone has no fat: leave out fat, or use the type tube")
         return self

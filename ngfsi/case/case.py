@@ -32,6 +32,7 @@ from ngfsi.config.messages import key_error
 from ngfsi.config.model import ConfigModel, one_of, registered
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
+from ngfsi.materials.membrane import Membrane
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.transport.models import ScalarModel, check_names
 from ngfsi.units import MMHG, Pressure, Time
@@ -94,6 +95,8 @@ class Materials(ConfigModel):
     """Muscles of the deep posterior compartment."""
     fluid: FluidMaterial | None = None
     """Blood in all vessels."""
+    membranes: tuple[Membrane, ...] = ()
+    """Thin stiff layers on boundaries: skin, fascia, interosseous membrane."""
 
     def law_of(self, region: str) -> SolidLaw:
         """Return the material of a solid region.
@@ -292,11 +295,17 @@ class Case(ConfigModel):
     def _each_region_has_a_material(self) -> Self:
         lumens = [vessel.lumen for vessel in self.geometry.vessels if vessel.lumen]
         regions = {kind_of(name) for name in (*self.geometry.solids, *lumens)}
-        for name in Materials.model_fields:
+        parts = regions & {*PARTS_OF_TISSUE}
+        for name in (one for one in Materials.model_fields if one != "membranes"):
             given = getattr(self.materials, name) is not None
-            if name in regions and not given and name not in PARTS_OF_TISSUE:
-                raise key_error(f"materials.{name}", f"is missing: {type(self.geometry).__name__} has such a region")
-            if given and name not in regions:
+            there = name in regions or (name == "tissue" and parts)
+            owned = name in PARTS_OF_TISSUE and self.materials.tissue is not None
+            if name in regions and not given and not owned:
+                other = ", or materials.tissue for all its tissues" if name in PARTS_OF_TISSUE else ""
+                raise key_error(
+                    f"materials.{name}", f"is missing: {type(self.geometry).__name__} has such a region{other}"
+                )
+            if given and not there:
                 known = ", ".join(sorted(regions))
                 raise key_error(
                     f"materials.{name}", f"is of no region: those of {type(self.geometry).__name__} are {known}"

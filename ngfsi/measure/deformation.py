@@ -26,9 +26,13 @@ class Deformation:
         self._size, self._J = ng.Norm(motion).Compile(), k.J.Compile()
         self._strain = in_3d(system.deformation_gradient(), 1.0)
         self._laws = {name: system.case.materials.law_of(name) for name in self._solids}
-        self._resistance = {name: Ellipticity(law) for name, law in self._laws.items() if law.isotropic}
+        self._resistance = {
+            name: Ellipticity(law) for name, law in self._laws.items() if law.isotropic and not law.varying
+        }
         at_rest = {name: model.at_rest for name, model in system.solids.items()}
-        self._fibred = {name: model for name, model in at_rest.items() if isinstance(model, Fibred)}
+        self._fibred = {
+            name: model for name, model in at_rest.items() if isinstance(model, Fibred) and not self._laws[name].varying
+        }
         self._in_all = {name: EllipticityInAllDirections(model.law) for name, model in self._fibred.items()}
         points = rules(2 * system.unknowns.order)
         self._place = ng.CF((ng.x, ng.y, ng.z)[: domain.mesh.dim]) + motion
@@ -84,7 +88,7 @@ class Deformation:
             if name not in self._resistance and name not in self._in_all:
                 text = (
                     f"strong ellipticity of '{name}' is not checked: that is done for isotropic laws and for ngfsi's "
-                    "laws with fibres"
+                    "laws with fibres, of moduli that do not vary"
                 )
                 warnings[f"ellipticity of {name}"] = text
             if f"stability of {name}" not in self._warned and (unstable := self.unstable(name)):

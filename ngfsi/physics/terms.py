@@ -14,7 +14,7 @@ from itertools import pairwise
 from math import cos, sin
 from typing import Any, TypeAlias
 
-from ngsolve import CoefficientFunction, Cof, Det, IfPos, InnerProduct, Trace, acos, sqrt, x, y, z
+from ngsolve import CoefficientFunction, Cof, Det, Id, IfPos, InnerProduct, OuterProduct, Trace, acos, sqrt, x, y, z
 
 from ngfsi.materials.fluid.law import FluidLaw
 from ngfsi.materials.solid.law import SolidModel
@@ -54,6 +54,19 @@ def _from_free_of_stress(F: CF, grad_v: CF, relaxation: CF | None, across: tuple
     if relaxation is None:
         return in_3d(F, across[0]), in_3d(grad_v, across[1]), 1.0
     return in_3d(F * relaxation, across[0]), in_3d(grad_v * relaxation, across[1]), Det(relaxation)
+
+
+def membrane_work(law: SolidModel, F: CF, grad_v: CF, normal: CF, stretch: float) -> CF:
+    """Derivative of a law's energy in a membrane, per its volume in the given shape (J/m3).
+
+    It keeps its volume: its deformation gradient is s F P + n N / (s^2 A), with the projection P onto the given face of
+    normal N, the deformed normal n and the ratio A of deformed to given area, and the stretch s of the given face.
+    """
+    strain = F.MakeVariable()
+    area = Cof(strain) * normal
+    across = OuterProduct(area, normal) / (stretch**2 * InnerProduct(area, area))
+    whole = stretch * strain * (Id(3) - OuterProduct(normal, normal)) + across
+    return law.variation(whole, whole.Diff(strain, grad_v))
 
 
 def stored_energy(law: SolidModel, F: CF, relaxation: CF | None = None) -> CF:

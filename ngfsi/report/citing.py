@@ -77,7 +77,8 @@ _NOT_INSTALLED = ("ngfsi", "python")
 def _materials(case: Case) -> list[str]:
     """Return the sources of the parameter sets, which a label begins with, and of the laws."""
     found = []
-    for region, material in case.materials:
+    given = [(region, material) for region, material in case.materials if region != "membranes"]
+    for region, material in [*given, *((one.on, one.material) for one in case.materials.membranes)]:
         if material is not None and (name := material.label.partition(" (")[0]) in available_sets():
             found.append(f"{region}: {read_set(name).source}")
         if source := getattr(material, "source", ""):

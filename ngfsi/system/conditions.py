@@ -7,6 +7,7 @@ from collections.abc import Collection
 from ngfsi.case import Case
 from ngfsi.conditions import BloodReference, Condition, Contact, Ends, OpeningModel, PressureOn, SkinMotion
 from ngfsi.conditions.loads import SKIN
+from ngfsi.conditions.membranes import OnBoundary
 from ngfsi.conditions.openings import NOTHING
 from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain
@@ -42,6 +43,7 @@ def conditions_of(case: Case, domain: Domain, taken: Collection[str] = ()) -> li
         for n, cuff in enumerate(loads.cuffs, start=1):
             found.append(PressureOn(f"in cuff {n}", domain, (SKIN,), cuff.pressure, cuff.weight()))
     found.append(Ends(domain, given.ends))
+    found += [OnBoundary(domain, membrane) for membrane in case.materials.membranes]
     if given.contact:
         found.append(Contact(domain, given.contact))
     found += [model.condition(domain, f"{model.kind} {n}") for n, model in enumerate(loads.further, start=1)]

@@ -127,7 +127,7 @@ class System:
     def _model(self, region: str) -> SolidModel:
         law = self.case.materials.law_of(region)
         if self._small:
-            return SmallStrain(law)
+            return SmallStrain(law.at(self.domain, region))
         F = self._gradient(self.state, region)
         order, rate = self.unknowns.order, partial(self._rate, region)
         return law.model(Place(self.domain, region, order, F, self.step, partial(self._before, region), rate))

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ngfsi_geometry.calf import STILL, CalfSegment, CalfVein
+from ngfsi_geometry.calf import STILL, CalfSegment, CalfVein, Compartments
+from ngfsi_geometry.calf_section import COMPARTMENTS
 from ngfsi_geometry.plane import Ellipse
-from ngfsi_geometry.segment import MeshSettings, VeinSegment
+from ngfsi_geometry.segment import FatLayer, MeshSettings, VeinSegment
 from ngfsi_geometry.tube import BareTube, TubeSegment
-from ngsolve import BND, CF, H1, Grad, GridFunction, Integrate, Mesh, specialcf, x, y, z
+from ngsolve import BND, CF, H1, VOL, ElementId, Grad, GridFunction, Integrate, Mesh, specialcf, x, y, z
 
 from ngfsi.errors import GeometryError
 from ngfsi.mesh.domain import Domain
@@ -428,6 +429,74 @@ def test_a_sheath_around_the_wall(element: Any) -> None:
         BareTube(sheath_thickness=1e-3)
     with pytest.raises(GeometryError, match="vein sheath and fibula overlap"):
         CalfSegment(sheath_thickness=6e-3)
+
+
+REGIONS = CalfSegment(
+    length=10e-3, fat=FatLayer(), compartments=Compartments(),
+    mesh=MeshSettings(element="mixed", far_size=50e-3, vein_size=6.4e-3, axial_layers=2, lumen_radii=(0.646,)),
+)  # fmt: skip
+
+
+def test_fat_and_compartments() -> None:
+    """Their areas by a sum over a fine grid of who is nearer to what; septa bear names, ends that of the tissue."""
+    domain, exact = domain_of(REGIONS), REGIONS.exact_volumes()
+    assert domain.regions == (*COMPARTMENTS, "wall", "fat", "fluid")
+    step = 0.05e-3
+    x, y = np.meshgrid(np.arange(-55e-3, 55e-3, step) + step / 2, np.arange(-55e-3, 55e-3, step) + step / 2)
+    points = np.column_stack([x.ravel(), y.ravel()])
+    tissue, given = REGIONS._tissue_at(points), REGIONS.compartments
+    assert given
+    inside = np.hypot(*points.T) < 50e-3
+    for hole in (*REGIONS.bones, *REGIONS.outermost):
+        inside &= ~hole.holds(points)
+    for number, name in enumerate(COMPARTMENTS, start=1):
+        assert exact[name] == pytest.approx(10e-3 * step**2 * np.sum(inside & (tissue == number)), rel=1e-3), name
+        assert domain.volume(name) == pytest.approx(exact[name], rel=5e-4), name
+    assert domain.volume("fat") == pytest.approx(pi * (55e-3**2 - 50e-3**2) * 10e-3, rel=1e-4)
+    # between the bones, in front of them, beside the fibula, behind
+    places = {"deep_posterior": (-4e-3, 8e-3), "anterior": (5e-3, 30e-3), "lateral": (35e-3, 10e-3),
+              "superficial_posterior": (0.0, -30e-3), "fat": (-52e-3, 0.0)}  # fmt: skip
+    for name, place in places.items():
+        assert domain.mesh[ElementId(VOL, domain.mesh(*place, 2e-3).nr)].mat == name
+    septa = {"interosseous_membrane", "transverse_septum", "anterior_septum", "posterior_septum", "tibial_septum"}
+    assert {*septa, "fascia"} < {*domain.mesh.GetBoundaries()}
+    bones = REGIONS.bones
+    between = np.hypot(bones[0].x - bones[1].x, bones[0].y - bones[1].y) - bones[0].radius - bones[1].radius
+    assert domain.area("interosseous_membrane") == pytest.approx(between * 10e-3, rel=1e-6)
+    assert domain.area("tissue_bottom") * 10e-3 == pytest.approx(
+        sum(exact[name] for name in (*COMPARTMENTS, "fat")), rel=1e-4
+    )
+    assert domain.beyond(domain.vessels[0]) == "superficial_posterior"
+
+
+def test_fat_under_a_tapered_skin() -> None:
+    """What the taper leaves inside of the fascia, by a fine sum over the section at each height."""
+    tapered = REGIONS.replace(skin_radius_distal=53e-3, compartments=None)
+    domain, exact = domain_of(tapered), tapered.exact_volumes()
+    assert exact["fat"] + exact["tissue"] == pytest.approx(
+        tapered.replace(fat=None).exact_volumes()["tissue"], rel=1e-12
+    )
+    even = pi * (54e-3**2 - 49e-3**2) * 10e-3
+    assert abs(domain.volume("fat") - exact["fat"]) < 0.1 * abs(exact["fat"] - even)
+    parted = tapered.replace(compartments=Compartments())
+    assert {*parted.exact_volumes()} == {"fat", "wall", "fluid"}
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"fat": FatLayer(thickness=8e-3)}, "tibia and fascia overlap"),
+        ({"fat": FatLayer(thickness=60e-3)}, "leaves nothing inside"),
+        ({"compartments": Compartments(deep_corner=(0.0, -3e-3))}, "transverse_septum and wall_outer are"),
+        ({"compartments": Compartments(anterior_septum=2.5)}, "anterior_septum and tibia are"),
+        ({"compartments": Compartments(), "mesh": MeshSettings(element="csg")}, "neither fat nor compartments"),
+    ],
+)
+def test_septa_and_fat_that_do_not_fit(values: Any, said: str) -> None:
+    with pytest.raises(GeometryError, match=said):
+        CalfSegment(**values)
+    with pytest.raises(GeometryError, match="a tube of wall alone has no fat"):
+        BareTube(fat=FatLayer())
 
 
 def test_bare_tube_has_no_outer_wall() -> None:

@@ -31,6 +31,7 @@ NEO_HOOKEAN = {
     "neo_hookean_printed": (89600.0, 69500.0, 139000.0),
     "neo_hookean_printed_named": (89600.0, 69500.0, 69500.0),
     "neo_hookean_likely": (11500.0, 71900.0, 71900.0),
+    "fat_likely": (3300.0, 89600.0, 89600.0),
 }
 # by test_fluids.py, from the formulas
 THINNING = {"blood_carreau", "blood_carreau_yasuda", "blood_carreau_yasuda_boyd", "blood_analogue", "blood_cross",
@@ -38,7 +39,16 @@ THINNING = {"blood_carreau", "blood_carreau_yasuda", "blood_carreau_yasuda_boyd"
 
 
 def test_nothing_ships_unchecked() -> None:
-    others = {"vein_wall", "vein_wall_source", "loose_connective_tissue", "blood", "muscle_blemker", *THINNING}
+    others = {
+        "vein_wall",
+        "vein_wall_source",
+        "loose_connective_tissue",
+        "blood",
+        "muscle_blemker",
+        "skin",
+        "crural_fascia",
+        *THINNING,
+    }
     assert set(available_sets()) == {*MOONEY_RIVLIN, *NEO_HOOKEAN, *others}
 
 

@@ -13,7 +13,7 @@ import ngsolve as ng
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
-from ngfsi_geometry.calf import CalfSegment, CalfVein
+from ngfsi_geometry.calf import CalfSegment, CalfVein, Compartments
 from ngfsi_geometry.calf_section import Vein
 from ngfsi_geometry.channel import (
     Beam,
@@ -30,7 +30,7 @@ from ngfsi_geometry.labelled import LabelledCalf
 from ngfsi_geometry.loft import StarLoft
 from ngfsi_geometry.lofted import LoftedMesh, LoftedVein
 from ngfsi_geometry.lofted_calf import ANATOMY, LoftedCalf
-from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.segment import FatLayer, MeshSettings
 from ngfsi_geometry.tube import TubeSegment
 
 from ngfsi.case import Case
@@ -83,6 +83,36 @@ def _sheath() -> Outcome:
     outer = sheathed.lumen_radius + sheathed.wall_thickness
     found = [volume(sheathed, "sheath"), system.solids["sheath"].density]
     return found, [pi * ((outer + 2e-3) ** 2 - outer**2) * 8e-3, 900.0]
+
+
+@entry("VeinSegment.fat", "FatLayer.thickness", rel=1e-4)
+def _fat() -> Outcome:
+    """A region of its own under the skin; its material is entered with those of compartments."""
+    fat = TubeSegment(length=8e-3, outer_radius=14e-3, fat=FatLayer(thickness=3e-3), mesh=FINE)
+    return [volume(fat, "fat")], [pi * (14e-3**2 - 11e-3**2) * 8e-3]
+
+
+@entry(
+    "CalfSegment.compartments", "Compartments.anterior_septum", "Compartments.posterior_septum",
+    "Compartments.tibial_septum", "Compartments.deep_at_tibia", "Compartments.deep_at_fibula",
+    "Compartments.deep_corner", rel=1e-4,
+)  # fmt: skip
+def _compartments() -> Outcome:
+    """Means over septa of directions seen from the bones, and the area of the one with a corner."""
+    angles = {"anterior_septum": 1.1, "posterior_septum": -0.7, "tibial_septum": 2.2}
+    deep = {"deep_at_tibia": 4.2, "deep_at_fibula": 3.3, "deep_corner": (-12e-3, -2e-3)}
+    calf = CalfSegment(length=10e-3, compartments=Compartments(**angles, **deep), mesh=MeshSettings(axial_layers=1))
+    domain, found, wanted = domain_of(calf), [], []
+    for name, angle in angles.items():
+        bone = calf.bones[0 if name == "tibial_septum" else 1]
+        seen = (-ng.sin(angle) * (ng.x - bone.x) + ng.cos(angle) * (ng.y - bone.y)) ** 2 * domain.ds(name)
+        found.append(1 + float(ng.Integrate(seen, domain.mesh)) / domain.area(name) / 1e-8)
+        wanted.append(1.0)
+    (tibia, fibula), corner = calf.bones, np.array(deep["deep_corner"])
+    ends = tibia.points(np.array([4.2]))[0], fibula.points(np.array([3.3]))[0]
+    found.append(domain.area("transverse_septum"))
+    wanted.append(10e-3 * sum(float(np.hypot(*(end - corner))) for end in ends))
+    return found, wanted
 
 
 @entry("VeinSegment.hollow")

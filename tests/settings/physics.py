@@ -20,7 +20,8 @@ from ngfsi import registry
 from ngfsi.case import Conditions, Materials
 from ngfsi.conditions import Condition, ConditionModel, ContactModel, Cuff, PressureOn
 from ngfsi.config import functions as curves
-from ngfsi.materials import MooneyRivlin, NeoHookean, Ogden, SaintVenantKirchhoff, load_set
+from ngfsi.materials import CompressibleNeoHookean, MooneyRivlin, NeoHookean, Ogden, SaintVenantKirchhoff, load_set
+from ngfsi.materials.membrane import Membrane
 from ngfsi.materials.solid.blemker import Blemker
 from ngfsi.materials.solid.directions import ConstantDirection
 from ngfsi.materials.solid.holzapfel_gasser_ogden import HolzapfelGasserOgden
@@ -250,6 +251,13 @@ def _solid_viscosity() -> Outcome:
     return found - stress(SVK), J ** (-5 / 3) * deviator(F @ Q @ F.T)
 
 
+@entry("SolidLaw.varying", "Variation.kind", "Variation.parameter", rel=1e-7)
+def _varying() -> Outcome:
+    """At half height of the tube, where the stress is looked at, the factor is in the middle of two."""
+    table = {"kind": "by_height", "parameter": "young", "z_mm": [4, 6], "factors": [1.5, 2.5]}
+    return stress(SVK.replace(varying=(table,))), 2 * stress(SVK)
+
+
 @entry("LinearAtRest.young", rel=1e-7)
 def _young() -> Outcome:
     return stress(SVK.replace(young=60e3)), 2 * stress(SVK)
@@ -372,6 +380,24 @@ def _materials_of_compartments() -> Outcome:
         materials = Materials(tissue=TISSUE, **{part: own})
         found += [materials.law_of(part), materials.law_of(next(other for other in PARTS if other != part))]
     return found, [own, TISSUE] * len(PARTS)
+
+
+@entry("Materials.membranes", "Membrane.on", "Membrane.thickness", "Membrane.stretch", rel=1e-6)
+def _membranes() -> Outcome:
+    """The work of a membrane that is free of load but for its stretch s, when its boundary widens evenly: the force
+    G t (s^2 - s^-4) on each length. Its material by default is that of its name."""
+    law, s = CompressibleNeoHookean(young=30e3, poisson=0.3, density=0.0), 1.3
+    membrane = Membrane(on="wall_outer", thickness=2e-3, material=law, stretch=s)
+    system = system_of(case_of(TUBE, **{"materials.membranes": (membrane,)}))
+    condition, space = system.conditions["membrane on wall_outer"], system.unknowns.space.components[0]
+    form, motion = residual_form(space, condition.static_integrals(*space.TnT())), ng.GridFunction(space)
+    motion.Set(ng.CF((ng.x, ng.y, 0)))
+    force = motion.vec.CreateVector()
+    form.Apply(ng.GridFunction(space).vec, force)
+    usual = Membrane(on="fascia")
+    found = [ng.InnerProduct(force, motion.vec), usual.thickness, usual.material.k1, Membrane(on="skin").material.young]
+    force_on_length = law.shear_modulus * 2e-3 * (s**2 - s**-4)
+    return found, [force_on_length * system.domain.area("wall_outer"), 0.924e-3, 1e7, 129e3]
 
 
 @entry("Materials.solid", rel=1e-6)

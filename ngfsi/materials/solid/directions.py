@@ -79,6 +79,25 @@ class AroundVessel(Direction):
         return float(np.cos(self.angle)) * around + float(np.sin(self.angle)) * along
 
 
+class InSurface(Direction):
+    """In a membrane: at an angle to the direction that lies across an axis and goes around it counter-clockwise."""
+
+    kind: Literal["in_surface"] = "in_surface"
+    angle: Angle = 0.0
+    """90 degrees are along the axis."""
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Of any length, through the origin."""
+
+    def field(self, domain: Domain, region: str) -> Any:
+        if region in domain.regions:
+            raise MaterialError(f"fibres of kind 'in_surface' are for membranes: '{region}' is a region")
+        axis, normal = ng.CF(tuple((np.array(self.axis) / np.linalg.norm(self.axis)).tolist())), ng.specialcf.normal(3)
+        across, place = _unit(ng.Cross(axis, normal)), ng.CF((ng.x, ng.y, ng.z))
+        across = ng.IfPos(ng.Cross(axis, place) * across, 1.0, -1.0) * across
+        along = axis - (axis * normal) * normal
+        return float(np.cos(self.angle)) * across + float(np.sin(self.angle)) * _unit(along)
+
+
 class AlongHarmonic(Direction):
     """Along the gradient of the harmonic field of a region that is 0 on one boundary and 1 on another."""
 
@@ -89,6 +108,7 @@ class AlongHarmonic(Direction):
     """Boundary where it is 1."""
 
     def field(self, domain: Domain, region: str) -> Any:
+        _check_volume(self, domain, region)
         space = ng.H1(domain.mesh, order=max(domain.geometry.curving_order, 2), definedon=domain.materials(region),
                       dirichlet="")  # fmt: skip
         trial, test = space.TnT()
@@ -112,7 +132,8 @@ class FromVtu(Direction):
     array: str
     """Its array of vectors, of points or cells."""
 
-    def field(self, domain: Domain, _region: str) -> Any:
+    def field(self, domain: Domain, region: str) -> Any:
+        _check_volume(self, domain, region)
         import pyvista
         from scipy.spatial import cKDTree
 
@@ -136,9 +157,14 @@ class FromVtu(Direction):
 
 
 FibreDirection = Annotated[
-    Direction, tagged("kind", ConstantDirection, AlongCurve, AroundVessel, AlongHarmonic, FromVtu)
+    Direction, tagged("kind", ConstantDirection, AlongCurve, AroundVessel, InSurface, AlongHarmonic, FromVtu)
 ]
 """A direction in a case: a table with `kind`."""
+
+
+def _check_volume(direction: Direction, domain: Domain, region: str) -> None:
+    if region not in domain.regions:
+        raise MaterialError(f"fibres of kind '{direction.kind}' are for regions: '{region}' is a membrane")
 
 
 def _unit(vector: Any) -> Any:

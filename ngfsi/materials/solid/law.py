@@ -10,13 +10,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 from ngsolve import CoefficientFunction, Cof, Det, InnerProduct, Parameter, Trace
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ngfsi.arrays import Array
+from ngfsi.config.messages import key_error
+from ngfsi.config.model import dimension_of_field
+from ngfsi.errors import unknown
 from ngfsi.materials.law import Law
+from ngfsi.materials.solid.varying import AnyVariation
 from ngfsi.materials.solid.viscosity import Held, Overstress, SolidViscosity
 from ngfsi.mesh.domain import Domain
 from ngfsi.units import Density
@@ -112,6 +116,8 @@ class SolidLaw(Law, SolidModel):
     density: Density = Field(ge=0)
     viscosity: SolidViscosity | None = None
     """Viscosity beside the law, which is then the stress at infinite time."""
+    varying: tuple[AnyVariation, ...] = ()
+    """Factors on moduli that depend on the place."""
     isotropic: ClassVar[bool] = False
     """Whether the energy is one of the principal stretches alone: then its ellipticity is checked in a run."""
 
@@ -119,9 +125,28 @@ class SolidLaw(Law, SolidModel):
         """Return the model of a region at rest."""
         return self
 
+    @model_validator(mode="after")
+    def _moduli_vary(self) -> Self:
+        moduli = [name for name in type(self).model_fields if dimension_of_field(type(self), name) == "pressure"]
+        names = [one.parameter for one in self.varying]
+        for name in names:
+            if name not in moduli:
+                raise key_error("varying", f"has an unknown value: {unknown('modulus', name, moduli)}")
+            if names.count(name) > 1:
+                raise key_error("varying", f"has two factors on '{name}': keep one of them")
+        return self
+
+    def at(self, domain: Domain, region: str) -> Self:
+        """Return the law of a region: where moduli vary, with coefficient functions in their place."""
+        changes: dict[str, Any] = {}
+        for one in self.varying:
+            factor, value = one.factor(domain, region), getattr(self, one.parameter)
+            changes[one.parameter] = tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
+        return self.model_copy(update=changes) if changes else self
+
     def model(self, place: Place) -> SolidModel:
         """Return the model of a region, with the viscosity."""
-        elastic = self.bind(place)
+        elastic = self.at(place.domain, place.region).bind(place)
         return elastic if self.viscosity is None else Viscous(elastic, Overstress(self.viscosity, place))
 
     @property
