@@ -54,6 +54,7 @@ class Membrane(ConfigModel):
     on: str
     thickness: Length = Field(default_factory=_thickness, gt=0)
     material: SolidMaterial = Field(default_factory=_material)
+    """Of the layer; fascia, interosseous membrane and skin have one by default."""
     stretch: float = Field(default=1.0, gt=0)
 
     @model_validator(mode="after")

@@ -123,8 +123,11 @@ class Exposure(ScalarModel):
 
     kind: Literal["exposure"] = "exposure"
     constant: float = Field(default=1.0, gt=0)
+    """C."""
     stress_power: float = Field(default=1.0, gt=0)
+    """a."""
     time_power: float = Field(default=0.452, gt=0)
+    """b."""
 
     def source(self, blood: BloodState) -> list[Array]:
         return [(self.constant * tau**self.stress_power) ** (1 / self.time_power) for tau in blood.shear_stresses]
