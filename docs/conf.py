@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import jupytext
 from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.ext.napoleon import Config, GoogleDocstring
@@ -42,6 +43,8 @@ def read(_: Any, page: str, source: list[str]) -> None:
     text = source[0]
     if page in BESIDE:
         text = (ROOT / BESIDE[page]).read_text(encoding="utf-8").replace("](docs/", "](")
+    if page.startswith("tutorials/"):
+        text = tutorial(ROOT / "docs" / page)
     if page == "case_file":
         text += f"\n\n{reference(json_schema(Case))}"
     if page in PARTS:
@@ -49,6 +52,18 @@ def read(_: Any, page: str, source: list[str]) -> None:
     for name, file in BESIDE.items():
         text = re.sub(rf"\]\((\.\./)?{re.escape(file)}", f"]({name}.md", text)
     source[0] = re.sub(r"\]\(((?:pyproject|CITATION)[\w.]+)\)", r"](../\1)", text)
+
+
+def tutorial(path: Path) -> str:
+    """Return the page of a tutorial, a script with cells: its text and code, what it prints and draws, its notebook."""
+    notebook = jupytext.read(path.with_suffix(".py"))
+    jupytext.write(notebook, path.with_suffix(".ipynb"))
+    name, printed = path.name, path.with_suffix(".txt").read_text(encoding="utf-8")
+    for cell in notebook.cells:
+        cell.source = cell.source.replace("  # noqa: E402", "")
+    cells = [f"```python\n{one.source}\n```" if one.cell_type == "code" else one.source for one in notebook.cells]
+    files = f"As a script: {{download}}`{name}.py`, as a notebook: {{download}}`{name}.ipynb`."
+    return "\n\n".join([*cells, f"It prints\n\n```text\n{printed}```\n\nand draws", f"![{name}]({name}.png)", files])
 
 
 def signature(_: Any, what: str, name: str, thing: Any, *__: Any) -> tuple[str, str] | None:  # noqa: ARG001
