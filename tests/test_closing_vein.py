@@ -138,3 +138,13 @@ def test_opening_again_and_compliance() -> None:
     veins = {key: replace(RESULTS[BASE], area_start_m2=area) for key, area in areas.items()}
     assert closing_vein.compliance(veins) == pytest.approx(0.03, rel=1e-12)
     assert "is 0.0300 of its area per mmHg" in closing_vein.answer({**RESULTS, **veins})
+
+
+def test_the_cost_of_contact() -> None:
+    """The last two of four steps end in contact; the first of them took twice what any before did."""
+    costs = {"iterations": np.array([10.0, 12.0, 22.0, 11.0]), "factorisations": np.array([1.0, 0.0, 2.0, 0.0]),
+             "wall_s": np.array([1.0, 1.0, 2.0, 1.0])}  # fmt: skip
+    series = {"detF_min_fluid_1": np.array([1.0, 0.8, 0.31, 0.29, 0.1])}
+    found = closing_vein.cost({"oval-closing": SimpleNamespace(series=series, costs=costs)}).splitlines()[2]
+    cells = [cell.strip() for cell in found.strip("|").split("|")]
+    assert cells == ["3.2 : 1", "2, 2", "11.0, 16.5", "0.5, 1.0", "1.50"]

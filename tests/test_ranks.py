@@ -193,7 +193,7 @@ def test_contact_on_two_ranks(tmp_path: Path) -> None:
     ended = mpirun(2, "run", str(case_file), "--output", str(tmp_path / "run"), "--quiet")
     assert ended.returncode == 0, ended.stderr
     one = run(FLOWING, tmp_path / "one", quiet=True)
-    assert one.series["detF_min_fluid_1"][-1] < 0.25
+    assert one.series["detF_min_fluid_1"][-1] < 0.3
     assert_same(tmp_path / "run", one.path)
 
 

@@ -112,6 +112,11 @@ class Condition:
         with the wall: the same terms tested with the motion and with the velocity."""
         return False
 
+    def gaps(self) -> Array:
+        """Return the present distances of what must not meet, over those at the start, at points in a fixed order: by
+        them the time loop sees that a step would be too long."""
+        return np.zeros(0)
+
     def attach(self, setup: Setup) -> None:
         """Take what it acts on; its integrals are asked for afterwards. What overrides this calls it, too."""
         self._setup = setup

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ngsolve as ng
+import numpy as np
 from pydantic import Field
 
-from ngfsi.conditions.condition import Condition
+from ngfsi.arrays import Array
+from ngfsi.conditions.condition import Condition, Setup
 from ngfsi.config.model import ConfigModel
 from ngfsi.mesh.domain import Domain
 from ngfsi.physics import terms
@@ -44,6 +46,17 @@ class Contact(Condition):
 
     def moves_mesh(self) -> bool:
         return True
+
+    def attach(self, setup: Setup) -> None:
+        """Take what it acts on, and the points of the lumen where the distance of its sides is looked at."""
+        super().attach(setup)
+        self._ratio = Kinematics(ng.Grad(setup.state[MOTION])).J
+        lumens = self._domain.materials(*self._domain.lumens)
+        self._points = self._domain.mesh.MapToAllElements(rules(2 * setup.unknowns.order), lumens)
+
+    def gaps(self) -> Array:
+        """Return det F of the medium, which between parallel sides is the ratio of their distances."""
+        return np.asarray(self._ratio(self._points)).ravel()
 
     def integrals(self, elements: ng.BitArray | None) -> list[Integral]:
         """Return the work of the medium on the wall, and its equilibrium.

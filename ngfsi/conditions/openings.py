@@ -292,6 +292,11 @@ class ResistiveTraction(Traction):
     def given_pressure(self) -> float:
         return super().given_pressure() + float(self._setup.state[self.unknown].vec[0])
 
+    def flow_scale(self) -> float:
+        """Return the present flow, up to that of an open vessel, which the pressure behind the resistance drives."""
+        most = self.pressure_scale() / self.resistance if self.resistance else np.inf
+        return min(abs(self.outflow()), most)
+
     def own_unknowns(self) -> dict[str, float]:
         return {self.unknown: 1.0}
 

@@ -29,6 +29,14 @@ SAFETY, SHRINK, GROW, KEEP = 0.9, 0.2, 4.0, 1.2
 size is kept, for the sake of the factors."""
 INTEGRAL, PROPORTIONAL = 0.7, 0.4
 """Exponents of the controller, over the order of the estimate (Hairer, Wanner, Solving ODEs II, ch. IV.2)."""
+NEAR = 0.3
+"""Ratio of a distance (`Condition.gaps`) to that at the start below which a step may not change it much."""
+CLOSES, OPENS = 0.55, 1.3
+"""Of such a distance, predicted at the end of a step over that at its start: a step is halved that would fall below the
+former, and the prediction is shortened where it exceeds the latter. Newton's method otherwise meets sides that have
+passed through each other, or spends iterations on coming back."""
+SHORTER = 0.8
+"""Factor on the predicted change, again and again."""
 APART = 0.19
 """Part of a step by which the times must differ through whose states one extrapolates."""
 
@@ -308,13 +316,31 @@ class TimeLoop:
         step = np.inf if case.time.scheme == "static" else size
         system.set_rates(weights(case.time.scheme, size, previous), states, rates, step)
         predicted = history.extrapolated(time + size)
-        system.values[:] = predicted
+        self._start_from(predicted, size)
         ahead = weights(case.time.scheme, size, size).new
         solution = self.newton.solve(case.solver.tolerance, case.solver.max_iterations, ahead)
         if reason := self._inspect():
             raise SolverError(reason)
         self._check_accuracy(size, predicted)
         return solution
+
+    def _start_from(self, predicted: Array, size: float) -> None:
+        """Let the system hold a predicted state, or less of its change where sides that touch would part fast.
+
+        Raises:
+            StepRefusedError: they would come together too fast, and the step can be halved.
+        """
+        system, before, factor = self.system, self.history.states[0], 1.0
+        system.values[:] = before
+        gap = system.gaps()
+        system.values[:] = predicted
+        now = system.gaps()
+        if np.any((now < CLOSES * gap) & (now < NEAR)) and size / 2 >= self.case.time.smallest_step:
+            raise StepRefusedError("sides that are in contact would come too near to each other in it", size / 2)
+        while np.any((now > OPENS * gap) & (gap < NEAR)) and factor > 1 - SHORTER:
+            factor *= SHORTER
+            system.values[:] = before + factor * (predicted - before)
+            now = system.gaps()
 
     def _attempt_stages(self, time: float, size: float, tableaus: tuple[Tableau, Tableau]) -> Solution:
         system, history, wanted = self.system, self.history, self.case.solver
@@ -334,7 +360,7 @@ class TimeLoop:
             now = time + place * size
             system.update(now)
             system.set_rates(stage, (base, base), (base_rate, base_rate), place * size)
-            system.values[:] = _polynomial(*_nearest(times, states, now, APART * size), now)
+            self._start_from(_polynomial(*_nearest(times, states, now, APART * size), now), size)
             taken = taken + self.newton.solve(wanted.tolerance, wanted.max_iterations, stage.new)
             times, states = [now, *times], [system.values.copy(), *states]
             rates.append(system.rates())

@@ -434,6 +434,10 @@ class System:
         """Return what acts now, for reports and failures."""
         return ", ".join(said for condition in self.conditions.values() if (said := condition.sentence()))
 
+    def gaps(self) -> Array:
+        """Return the present distances of whatever must not meet, over those at the start (`Condition.gaps`)."""
+        return np.concatenate([np.zeros(0), *(condition.gaps() for condition in self.conditions.values())])
+
     def block_scales(self) -> dict[str, float]:
         """Physical scale of each block, against which changes are judged.
 

@@ -16,8 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ngfsi.case import Case
-from ngfsi.conditions import ContactModel
-from ngfsi.config.functions import Hydrostatic, Posture, PressureConstant, PressureSmoothRamp, PressureTable
+from ngfsi.conditions import ContactModel, StockingModel
+from ngfsi.config.functions import (
+    FactorSmoothRamp,
+    Hydrostatic,
+    Posture,
+    PressureConstant,
+    PressureSmoothRamp,
+    PressureTable,
+)
 from ngfsi.materials import load_set
 from ngfsi.report.render import animation
 from ngfsi.report.tables import markdown_table
@@ -93,6 +100,20 @@ def _posture(posture: Posture) -> dict[str, Any]:
     return {"loads.outlet_pressure": Hydrostatic(posture=posture), "conditions.initial_state": "prestress"}
 
 
+TAPER = {"geometry.skin_radius_distal": 49e-3, "geometry.skin_radius_proximal": 61e-3, "geometry.tibia_y": 15e-3}
+"""Of a calf whose girth grows from 31 to 38 cm, its tibia deep enough for that; the mean radius is the same."""
+THINNER, MEAN = 49e-3, 55e-3
+REVERSED = 0.6
+"""Pressure of the stocking with a reversed gradient where the calf is thinner, over the mean."""
+
+
+def _stocking(*tension: float) -> dict[str, Any]:
+    """Return the changes for a stocking of a tension (N/m) at the lower end and, if it is another, the upper one."""
+    worn = StockingModel(tension=tension, heights=(0.0, 0.12) if len(tension) > 1 else (),
+                         over_time=FactorSmoothRamp(final=1.0, duration=1.0))  # fmt: skip
+    return {**TAPER, "loads.skin_pressure": PressureConstant(value=0.0), "loads.further": (worn,)}
+
+
 BASE = "oval"
 UPRIGHT = ("sitting", "standing")
 """Postures of which there is no vein, and which the others are not compared with. Under 49 mmHg of blood equilibria are
@@ -113,10 +134,17 @@ POINTS = {
     "sheath": Point(
         "in a sheath of 2 mm, 5 kPa",
         {"geometry.sheath_thickness": 2e-3, "materials.sheath": load_set("loose_connective_tissue")},
+        closes=60,
     ),
     "tissue_stiff": Point("M with K 82 kPa", {"materials.tissue": load_set("mooney_rivlin_s1").replace(K=82e3)}),
     "tissue_n": Point("N, likely constants", {"materials.tissue": load_set("neo_hookean_likely")}),
     "wall_source": Point("wall of Saint Venant-Kirchhoff's law", {"materials.wall": load_set("vein_wall_source")}),
+    "tapering": Point("calf that tapers", TAPER),
+    "stocking": Point("calf that tapers, stocking of even tension", _stocking(FULL * MEAN)),
+    "reversed": Point(
+        "calf that tapers, stocking of reversed gradient",
+        _stocking(REVERSED * FULL * THINNER, 2 * FULL * MEAN - REVERSED * FULL * THINNER),
+    ),
     "order": Point("3.2 : 1, one order more", numerical=True),
     "halved": Point("3.2 : 1, half of the step", numerical=True),
     "gap": Point("3.2 : 1, half of the residual gap", {"conditions.contact.residual_gap": 0.01}, numerical=True),
@@ -322,6 +350,7 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         "at rest, in steady flow from a source 15 mmHg above the outlet behind a resistance.\n",
         *(["## All factors at once\n", spread(list(at_once.values()))] if at_once else []),
         "## What others measured\n", comparison(results),
+        "## Cost of contact\n", cost({key: run for key, run in done.items() if key.endswith("-closing")}),
         *failed(outcomes),
         f"## To repeat it\n\n    ngfsi study closing_vein --level {level}\n",
     ]  # fmt: skip
@@ -485,6 +514,28 @@ def comparison(results: Mapping[str, Result]) -> str:
         "not computed: under 49 mmHg of blood M tissue has equilibria but no course in time, under 82 mmHg there is no "
         "shape free of stress from which it would take on the given one.\n"
     )
+
+
+TOUCHING = 0.3
+"""Least det F of the blood's mesh from which on a vein counts as touching itself."""
+
+
+def cost(closing: Mapping[str, StoredRun]) -> str:
+    """Return what steps take while the vein touches itself, over those before, attempts that failed included."""
+    rows = []
+    for key, run in closing.items():
+        touching = run.series["detF_min_fluid_1"][1:] < TOUCHING
+        if touching.any() and not touching.all():
+            means = [[float(np.mean(run.costs[name][part])) for part in (~touching, touching)]
+                     for name in ("iterations", "factorisations", "wall_s")]  # fmt: skip
+            steps = f"{np.sum(~touching)}, {np.sum(touching)}"
+            title = POINTS[key.removesuffix("-closing")].title
+            rows.append(
+                (title, steps, *(f"{a:.1f}, {b:.1f}" for a, b in means[:2]), f"{means[2][1] / means[2][0]:.2f}")
+            )
+    head = ("vein, at rest under growing pressure", "steps before and in contact", "iterations", "factorisations",
+            "seconds in contact over before")  # fmt: skip
+    return markdown_table(head, rows) + f"\nIn contact: det F of the blood's mesh is below {TOUCHING:g} somewhere.\n"
 
 
 def _from_to(low: float, high: float) -> str:

@@ -11,6 +11,7 @@ from ngfsi.bench.engine import Setup
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Output, TimeStepping
 from ngfsi.config.functions import PressureRamp
 from ngfsi.units import MMHG
+from ngfsi_studies import closing_vein
 from ngfsi_studies.compare_tissues import LEVELS, MAIN, case
 from ngfsi_studies.verification.plane import refined
 from ngfsi_studies.verification.turek_hron import BEAM_IN_CHANNEL, rising_case
@@ -55,10 +56,12 @@ CASES: dict[str, Case] = {
     "turek-hron-fsi2": rising_case("FSI2", refined(BEAM_IN_CHANNEL, order=3, h=1.0), step=0.01, end=4.0),
     **{f"calf-{level}": case(MAIN[0], LEVELS[level]) for level in LEVELS},
     "calf-million": _million(),
+    "oval": closing_vein.case(closing_vein.BASE, closing_vein.LEVELS["demo"]),
 }
 """tiny: for the guard of counts; vein: 20 steps of backward Euler, vein-tetrahedra the same on 3,700 straight
 tetrahedra, as other codes have solved it; turek-hron-fsi2: a beam in the plane, its first seconds; calf: the main
-study's, Mooney-Rivlin tissue; calf-million: an hour and a half and 14 GB."""
+study's, Mooney-Rivlin tissue; calf-million: an hour and a half and 14 GB; oval: the vein of
+closing_vein's level demo, half closed in 20 steps."""
 
 SHORT = ("vein", "calf-demo")
 """Cases of seconds or a minute, which are run unless others are named."""
@@ -94,8 +97,10 @@ VARIANTS: dict[str, Callable[[Case], Setup]] = {
     "p_multigrid": lambda plain: Setup(plain.replace(**{"solver.linear": "p_multigrid"})),
     "umfpack": lambda plain: Setup(plain.replace(**{"solver.linear": "umfpack"})),
     "tetrahedra": lambda plain: Setup(_on_tetrahedra(plain)),
+    "without-contact": lambda plain: Setup(plain.replace(**{"conditions.contact": None})),
     "one-thread": lambda plain: Setup(plain, threads=1),
 }
 """textbook: Newton's method with a fresh factorisation by UMFPACK in every iteration, on Netgen's tetrahedra of default
 sizes and second order; textbook-same-size: on tetrahedra of the case's own sizes and order; newton: with the linear
-solver and the mesh as they are; single: factors of single precision; one-thread: what threads gain."""
+solver and the mesh as they are; single: factors of single precision; without-contact: the mesh of the
+blood moves by `discretisation.mesh_motion`; one-thread: what threads gain."""

@@ -233,6 +233,8 @@ def test_a_valve_lets_blood_through_towards_the_heart(opening: str) -> None:
         system = solved(2, **{opening: behind, other: PressureOpening(pressure=known[other])})
         outlet: Any = system.conditions["outlet"]
         assert outlet.outflow() == pytest.approx(share * FLOW, rel=2e-3)
+        # by which Newton's method judges changes of the velocity
+        assert system.conditions[opening].flow_scale() == pytest.approx(abs(share) * FLOW, rel=2e-3)
 
 
 def test_windkessel() -> None:

@@ -70,6 +70,9 @@ class Scalar:
     def sentence(self) -> str:
         return f"{self.load:.4g} Pa on the skin"
 
+    def gaps(self) -> Vector:
+        return np.zeros(0)
+
     def block_scales(self) -> dict[str, float]:
         return {"d": 1.0}
 
