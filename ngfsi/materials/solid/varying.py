@@ -35,7 +35,9 @@ class ByHeight(Variation):
 
     kind: Literal["by_height"] = "by_height"
     z: tuple[Length, ...] = Field(min_length=2)
+    """Heights, increasing."""
     factors: tuple[Annotated[float, Field(ge=0)], ...]
+    """Factor at each of the heights."""
 
     @model_validator(mode="after")
     def _is_a_table(self) -> Self:
@@ -59,7 +61,9 @@ class FromFile(Variation):
 
     kind: Literal["vtu"] = "vtu"
     file: str
+    """Lies beside the case file unless its path is absolute."""
     array: str
+    """Name of the array."""
 
     def factor(self, domain: Domain, region: str) -> Any:
         import pyvista
