@@ -41,21 +41,18 @@ def _thickness(given: dict[str, Any]) -> float:
 
 
 class Membrane(ConfigModel):
-    """A layer so thin that it has forces in its plane alone, which does not change its volume.
-
-    Attributes:
-        on: name of a boundary, around solids or between them.
-        thickness: in the given shape.
-        stretch: in both directions of its plane, in the given shape, against the one in which it is free of stress.
-    """
+    """A layer so thin that it has forces in its plane alone, which does not change its volume."""
 
     refusal: ClassVar[type[NgfsiError]] = MaterialError
 
     on: str
+    """Name of a boundary, around solids or between them."""
     thickness: Length = Field(default_factory=_thickness, gt=0)
+    """In the given shape; usual ones are known of skin, fascia and interosseous_membrane."""
     material: SolidMaterial = Field(default_factory=_material)
-    """Of the layer; fascia, interosseous membrane and skin have one by default."""
+    """A usual one is known of the same."""
     stretch: float = Field(default=1.0, gt=0)
+    """In both directions of its plane, in the given shape, against the one in which it is free of stress."""
 
     @model_validator(mode="after")
     def _is_known(self) -> Self:

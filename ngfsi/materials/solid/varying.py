@@ -35,9 +35,9 @@ class ByHeight(Variation):
 
     kind: Literal["by_height"] = "by_height"
     z: tuple[Length, ...] = Field(min_length=2)
-    """Heights, rising; before the first and after the last the factor stays."""
+    """Heights, increasing."""
     factors: tuple[Annotated[float, Field(ge=0)], ...]
-    """On the moduli at these heights; linear between them."""
+    """Factor at each of the heights."""
 
     @model_validator(mode="after")
     def _is_a_table(self) -> Self:
@@ -61,9 +61,9 @@ class FromFile(Variation):
 
     kind: Literal["vtu"] = "vtu"
     file: str
-    """VTU file with the factors."""
+    """Lies beside the case file unless its path is absolute."""
     array: str
-    """Its array of numbers, of points or of cells."""
+    """Name of the array."""
 
     def factor(self, domain: Domain, region: str) -> Any:
         import pyvista
