@@ -139,6 +139,15 @@ class Condition:
     def prescribe(self, values: Array) -> None:
         """Write the values of the prescribed unknowns into a vector, for the present shape."""
 
+    def pull_back(self, _factors: Array) -> Array | None:
+        """Return the derivative of a weighted sum of the prescribed values by all unknowns, of whose present values
+        they may depend; None: they do not. Gradients ask for it (ngfsi/gradient).
+
+        Args:
+            factors: of the prescribed values, in the whole vector.
+        """
+        return None
+
     def update(self, t: float, load_factor: float = 1.0) -> None:
         """Take the value at time t (s), or a fraction of it (`load_factor`, from 0 to 1)."""
 

@@ -112,6 +112,8 @@ class GivenFlow(Opening):
         self._kind = profile
         self._time, self._factor = 0.0, 1.0
         self._by_flow: dict[int, tuple[Array, Any]] = {}
+        self._scaled: tuple[Array, float] = (np.zeros(0), 1.0)
+        self._outflow_form: Any = None
 
     def velocity_on(self) -> tuple[str, ...]:
         return (self.opening,)
@@ -192,9 +194,38 @@ class GivenFlow(Opening):
         if self._wave is not None:
             values[self._numbers] = sign * self._factor * self._wave(self._time)
             left += sign * self.outflow()
-        shapes = self._shapes(left)
+        self._scaled = shape, flux = self._profile_at(left)
+        values[self._numbers] += shape * (sign * left / flux)
+
+    def _profile_at(self, flow: float) -> tuple[Array, float]:
+        """Return the profile into the vessel at a flow (m3/s), and its flux in the present shape."""
+        shapes = self._shapes(flow)
         flux = -sum(weight * self._integral(one) for weight, _, one in shapes)
-        values[self._numbers] += sum(weight * shape for weight, shape, _ in shapes) * (sign * left / flux)
+        return np.asarray(sum(weight * shape for weight, shape, _ in shapes)), flux
+
+    def pull_back(self, factors: Array) -> Array:
+        """Return the derivative by the shape of the opening: by the scaled profile what it changes of the flux is made
+        up for."""
+        shape, flux = self._scaled
+        found = np.zeros(len(factors))
+        by_motion = self._by_motion()
+        found[: len(by_motion)] = (factors[self._numbers] @ shape) / flux * by_motion
+        return found
+
+    def _by_motion(self) -> Array:
+        """Return the derivative of the present outflow (m3/s) by the unknowns of the motion."""
+        motion, velocity = self._setup.state[MOTION], self._setup.state[VELOCITY]
+        if self._outflow_form is None:
+            k, normal = (
+                Kinematics(ng.Grad(motion.space.TrialFunction()).Trace()),
+                self.domain.outward_normal(self.lumen),
+            )
+            over = self.domain.ds(self.opening, bonus_intorder=2 * self._setup.unknowns.order)
+            self._outflow_form = ng.BilinearForm(motion.space, nonassemble=True, check_unused=False)
+            self._outflow_form += ng.Variation(terms.relative_flux(k, velocity.Trace(), normal) * over)
+        result = motion.vec.CreateVector()
+        self._outflow_form.Apply(motion.vec, result)
+        return np.array(result.FV().NumPy())
 
     def flow_scale(self) -> float:
         return float(abs(self.value.Get()))
