@@ -5,9 +5,9 @@ rates and accelerations by the scheme's weights. The multipliers of a time solve
 
     (dR/dy)^T z = dQ/dy + what later times owe to y,
 
-and by the histories, -(dR/dh)^T z and -(dR/da)^T z, earlier times owe theirs. The matrix is transposed and factorised
-by the linear solver of the run, and kept over times; GMRES on the exact product, which NGSolve differentiates (see
-`lagrangian`), makes up for its age, and for what the tangent of the run leaves out.
+and by the histories, -(dR/dh)^T z and -(dR/da)^T z, earlier times owe theirs. The factors are those of the run,
+transposed, and renewed when they are too old; an iteration on the exact product, which NGSolve differentiates (see
+`lagrangian`), makes up for their age, and for what the tangent of the run leaves out.
 
 dR/dp is a central difference of the residual, of two systems whose case differs in p alone, at the states of the run.
 It costs no solution, is right to 1e-8, and needs nothing of a law or a condition: neither code nor a parameter of
@@ -29,16 +29,15 @@ from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.conditions.openings import Traction
 from ngfsi.errors import CaseError, SolverError
-from ngfsi.gradient.functionals import measured
+from ngfsi.gradient.functionals import Measured, measured
 from ngfsi.gradient.lagrangian import Lagrangian, Residual, Uncondensed
 from ngfsi.gradient.parameters import Parameter
 from ngfsi.linear.backends import BACKENDS, choose_backend
-from ngfsi.linear.factorisation import Factorisation
 from ngfsi.measure.deformation import Deformation
 from ngfsi.mesh.domain import Domain
 from ngfsi.physics.integrals import Integral
 from ngfsi.solve.initial import Say, initial_state, silent
-from ngfsi.solve.newton import Newton
+from ngfsi.solve.newton import WEIGHT_DRIFT, Newton
 from ngfsi.solve.time_loop import Solved, TimeLoop
 from ngfsi.system.schemes import STAGES, Weights
 from ngfsi.system.system import System
@@ -47,10 +46,12 @@ TOLERANCE = 1e-9
 """Of Newton's method at most: the gradient is of states that satisfy their equations."""
 EXACT, ENOUGH = 1e-10, 1e-8
 """Relative residual of the adjoint equations that is aimed at, and that is accepted where rounding hinders more."""
-SLOW = 8
-"""Iterations of GMRES from which on the next time has new factors."""
+SLOW, PATIENCE = 10, 16
+"""Iterations beyond which the next moment has new factors, and after which this one has."""
 MOST = 200
-"""Iterations of GMRES at most."""
+"""Iterations at most."""
+STAGNATES = 0.1
+"""Fraction of the residual that an iteration takes away at least, or an accepted one is left at that."""
 AGREEMENT = 1e-4
 """Relative difference beyond which derivatives and differences of the residual are not the same."""
 PROBE = 1e-5
@@ -143,7 +144,7 @@ class Gradient:
         derivatives: by the name of the parameter, SI over SI.
         parameters: with their values.
         seconds: of the run, of the adjoint and of the parameters.
-        mean_iterations: of GMRES for each of the states, whose number is `moments`.
+        mean_iterations: for each of the states, whose number is `moments`.
         stored_mb: memory of the states.
     """
 
@@ -205,10 +206,11 @@ class StoredStates:
         if quantity:
             measured(system, quantity)
         linear = choose_backend(case.solver.linear)
-        self.backend = choose_backend("auto") if BACKENDS[linear].iterates else linear
+        if BACKENDS[linear].iterates:
+            raise CaseError(f"a gradient needs factors to transpose: solver.linear = '{linear}' iterates, use 'auto'")
         newton = Newton(system, linear, *system.unknowns.to_solve)
         initial_state(system, newton, say)
-        self.free = newton.free
+        self.free, self.factors = newton.free, newton.factorisation
         system.prescribe()
         zero = np.zeros(system.unknowns.size)
         self.moments = [Moment(0.0, np.inf, 0.0, system.values.copy(), (zero, zero), {}, accepted=True)]
@@ -255,10 +257,14 @@ class StoredStates:
 class Varied:
     """Two systems in whose cases a parameter is larger and smaller."""
 
-    def __init__(self, parameter: Parameter, run: StoredStates, quantity: str) -> None:
-        self.parameter, self._run = parameter, run
+    def __init__(self, parameter: Parameter, run: StoredStates, quantity: str, present: Measured) -> None:
+        """Prepare; `present`: the quantity of the run itself."""
+        self.parameter, self._run, self._present = parameter, run, present
         self._pair = [self._system(case) for case in parameter.varied(run.case)]
-        self._measured = [measured(system, quantity) for system in self._pair]
+        path, self._measured = parameter.path, list[Measured]()
+        self._counts = path[0] != "materials" or path[1] == "fluid"
+        if self._counts and path[0] in ("materials", "geometry"):
+            self._measured = [measured(system, quantity) for system in self._pair]
 
     def _system(self, case: Case) -> System:
         domain, first = self._run.domain, self.parameter.path[0]
@@ -284,12 +290,14 @@ class Varied:
         return float(products[0] - products[1]) / (2 * self.parameter.step)
 
     def measured_slope(self, number: int) -> float:
-        """Return the derivative of the quantity at a state that is held, but for prescribed unknowns of it."""
+        """Return the derivative of the quantity at a moment, whose state is held."""
+        if not self._counts:
+            return 0.0
         values = []
-        for system, quantity in zip(self._pair, self._measured, strict=True):
+        for place, system in enumerate(self._pair):
             self._run.show(number, system)
             system.values[:] = self._run.moments[number].state
-            values.append(quantity.value())
+            values.append(self._measured[place].value() if self._measured else self._present.under(system))
         return (values[0] - values[1]) / (2 * self.parameter.step)
 
 
@@ -329,13 +337,6 @@ def _same_mesh(case: Case, domain: Domain, name: str) -> Domain:
     return other
 
 
-class TransposedFactors(Factorisation):
-    """Factors of the transposed linearisation."""
-
-    def _factors(self, _old: Any, *, shared: bool) -> Any:
-        return BACKENDS[self.backend].factors(self.form.mat.CreateTranspose(), self._solved, None, shared=shared)
-
-
 class Adjoint:
     """The adjoint equations of a run."""
 
@@ -343,12 +344,9 @@ class Adjoint:
         self.run, self.quantity, self.window = run, quantity, window
         self.measured = measured(run.system, quantity)
         self.lagrangian = Lagrangian(run.case, run.domain)
-        unknowns = run.system.unknowns
-        self.factors = TransposedFactors(
-            run.system.tangent, run.free, run.backend, unknowns.equations, less=unknowns.less
-        )
-        self._factored: float | None = None
+        self._factored = run.system.new_weight.Get()
         self.iterations: list[int] = []
+        self.factorisations = 0
         self._random = np.random.default_rng(0)
         self._right, self._result = (run.system.state.vec.CreateVector() for _ in range(2))
 
@@ -361,7 +359,7 @@ class Adjoint:
         """
         run = self.run
         started = perf_counter()
-        varied = [Varied(one, run, self.quantity) for one in parameters]
+        varied = [Varied(one, run, self.quantity, self.measured) for one in parameters]
         setting_up = perf_counter() - started
         values = []
         for number in run.accepted:
@@ -388,7 +386,7 @@ class Adjoint:
         return Gradient(
             self.quantity if self.window.kind == "end" else f"{self.quantity}_{self.window.kind}", unit, value,
             list(parameters), found, {"adjoint": whole - setting_up, "parameters": setting_up},
-            float(np.mean(self.iterations)), self.factors.count, len(run.moments), stored,
+            float(np.mean(self.iterations)), self.factorisations, len(run.moments), stored,
         )  # fmt: skip
 
     def _step(self, number: int, slope: float, owed: Owed) -> tuple[Array, Array]:
@@ -432,43 +430,58 @@ class Adjoint:
     def _solve(self, right: Array) -> Array:
         """Return the multipliers z for which the transposed linearisation times z is a vector, zero on fixed unknowns.
 
+        By generalised conjugate residuals, which are GMRES with the products at hand (S. Eisenstat, H. Elman and M.
+        Schultz, SIAM J Numer Anal 20, 1983), in the scale of each unknown, with the factors of an earlier state.
+
         Raises:
-            SolverError: GMRES does not converge.
+            SolverError: it does not converge.
         """
-        from scipy.sparse.linalg import LinearOperator, gmres
-
-        if not np.any(right):
-            self.iterations.append(0)
-            return np.zeros_like(right)
-        system, free = self.run.system, self.run.free
-        scale = self._scales()[free]
-        weight = system.new_weight.Get()
-        if self._factored is None or abs(weight - self._factored) > 1e-6 * weight or self.iterations[-1] > SLOW:
-            self.factors.renew(system.state.vec)
-            self._factored = weight
-        count = 0
-
-        def product(scaled: Array) -> Array:
-            nonlocal count
+        scale, count = self._scales(), 0
+        found, left, wanted = np.zeros_like(right), right * scale, EXACT * float(np.linalg.norm(right * scale))
+        if self._is_old():
+            self._renew()
+        ways: list[tuple[Array, Array]] = []
+        fall = 1.0
+        while (norm := float(np.linalg.norm(left))) > wanted:
+            rounding = norm < ENOUGH / EXACT * wanted and fall < STAGNATES
+            if rounding or count == MOST:
+                break
+            way = self._preconditioned(left / scale)
+            self.lagrangian.set_multipliers(way)
+            product = self._pulled_back(self.lagrangian.by_state()) * scale
+            for other, image in ways:
+                part = image @ product
+                way -= part * other
+                product -= part * image
+            length = np.linalg.norm(product)
+            ways.append((way / length, product / length))
+            step = ways[-1][1] @ left
+            found += step * ways[-1][0]
+            left = left - step * ways[-1][1]
+            fall = 1 - float(np.linalg.norm(left)) / norm
             count += 1
-            self.lagrangian.set_multipliers(self._preconditioned(scaled / scale))
-            return np.asarray(self._pulled_back(self.lagrangian.by_state())[free] * scale)
-
-        size = int(np.count_nonzero(free))
-        wanted = right[free] * scale
-        matrix = LinearOperator((size, size), product, dtype=float)
-        found, _ = gmres(matrix, wanted, rtol=EXACT, restart=MOST, maxiter=2)
-        left = float(np.linalg.norm(product(found) - wanted) / np.linalg.norm(wanted))
+            if count == PATIENCE:
+                self._renew()
         self.iterations.append(count)
-        if not left < ENOUGH:
-            raise SolverError(f"the adjoint equations were solved to {left:.1e} only, in {count} iterations")
-        return self._preconditioned(found / scale)
+        if norm > ENOUGH / EXACT * wanted:
+            size = EXACT * norm / wanted
+            raise SolverError(f"the adjoint equations were solved to {size:.1e} only, in {count} iterations")
+        return found
+
+    def _is_old(self) -> bool:
+        """Whether the factors are too far from the present state."""
+        weight = self.run.system.new_weight.Get()
+        ratio = max(weight, self._factored) > WEIGHT_DRIFT * min(weight, self._factored)
+        return ratio or bool(self.iterations and self.iterations[-1] > SLOW)
+
+    def _renew(self) -> None:
+        self.run.factors.renew(self.run.system.state.vec)
+        self._factored = self.run.system.new_weight.Get()
+        self.factorisations += 1
 
     def _preconditioned(self, values: Array) -> Array:
-        right = self._right.FV().NumPy()
-        right[:] = 0.0
-        right[self.run.free] = values
-        self.factors.solve(self._right, self._result)
+        self._right.FV().NumPy()[:] = values
+        self.run.factors.solve_transposed(self._right, self._result)
         return np.array(self._result.FV().NumPy())
 
     def _scales(self) -> Array:

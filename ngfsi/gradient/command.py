@@ -85,5 +85,5 @@ def table(found: Gradient) -> Any:
         shown.add_row(str(row["parameter"]), f"{row['value']:.6g} {own}", f"{row['derivative']:.6g} {per}",
                       f"{row['elasticity']:.4g}")  # fmt: skip
     took = ", ".join(f"{name} {seconds:.3g} s" for name, seconds in found.seconds.items())
-    return Group(shown, f"{took}; {found.mean_iterations:.1f} iterations of GMRES for each of {found.moments} states, "
+    return Group(shown, f"{took}; {found.mean_iterations:.1f} iterations for each of {found.moments} states, "
                  f"{found.factorisations} factorisations, {found.stored_mb:.3g} MB of states")  # fmt: skip

@@ -64,7 +64,7 @@ class Functional:
 
     Attributes:
         unit: as the suffix of its column.
-        integrals: returns them at a place, by name.
+        integrals: returns them at a place, by name: of the fields of blood and mesh, and of the law of the blood.
         value: returns the quantity from a system and the values of the integrals, which may be complex.
     """
 
@@ -201,6 +201,10 @@ class Measured(ABC):
     def gradient(self) -> tuple[Array, Array]:
         """Return its derivatives by all unknowns, and by the history of the velocity."""
 
+    @abstractmethod
+    def under(self, system: System) -> float:
+        """Return the quantity in the state of the last `value` or `gradient`, with the loads of another system."""
+
 
 def measured(system: System, name: str) -> Measured:
     """Return a quantity of a system.
@@ -233,6 +237,7 @@ class OfIntegrals(Measured):
         self._forms = {name: self._form([one]) for name, one in functional.integrals(place).items()}
         self._point = ng.GridFunction(self._both)
         self._result = self._point.vec.CreateVector()
+        self._known: dict[str, float] = {}
 
     def _form(self, integrals: Sequence[Integral]) -> ng.BilinearForm:
         form = ng.BilinearForm(self._both, nonassemble=True, check_unused=False)
@@ -248,10 +253,15 @@ class OfIntegrals(Measured):
         return {name: float(form.Energy(self._point.vec)) for name, form in self._forms.items()}
 
     def value(self) -> float:
-        return float(self.functional.value(self.system, self.vessel, self._integrals()))
+        self._known = self._integrals()
+        return self.under(self.system)
+
+    def under(self, system: System) -> float:
+        return float(self.functional.value(system, self.vessel, self._known))
 
     def gradient(self) -> tuple[Array, Array]:
-        integrals, half = self._integrals(), self.system.unknowns.size
+        self._known = self._integrals()
+        integrals, half = self._known, self.system.unknowns.size
         found = np.zeros(2 * half)
         for name, form in self._forms.items():
             step = SMALL * abs(integrals[name] or 1.0)
@@ -275,6 +285,9 @@ class Area(Measured):
 
     def value(self) -> float:
         self._sections.refresh()
+        return self.under(self._system)
+
+    def under(self, _system: System) -> float:
         return float(self._sections.areas[0])
 
     def gradient(self) -> tuple[Array, Array]:
