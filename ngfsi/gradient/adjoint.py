@@ -44,7 +44,7 @@ from ngfsi.system.system import System
 
 TOLERANCE = 1e-9
 """Of Newton's method at most: the gradient is of states that satisfy their equations."""
-EXACT, ENOUGH = 1e-10, 1e-8
+EXACT, ENOUGH = 1e-9, 1e-7
 """Relative residual of the adjoint equations that is aimed at, and that is accepted where rounding hinders more."""
 SLOW, PATIENCE = 10, 16
 """Iterations beyond which the next moment has new factors, and after which this one has."""
@@ -269,7 +269,7 @@ class Varied:
     def _system(self, case: Case) -> System:
         domain, first = self._run.domain, self.parameter.path[0]
         if first == "geometry":
-            return Residual(case, _same_mesh(case, domain, self.parameter.name))
+            return Residual(case, same_mesh(case, domain, self.parameter.name))
         if first == "materials":
             return Residual(case, domain, elements=_elements_of(self.parameter.path[1], case, domain))
         return Acting(case, domain)
@@ -323,7 +323,7 @@ def _elements_of(region_kind: str, case: Case, domain: Domain) -> ng.BitArray:
     return mask
 
 
-def _same_mesh(case: Case, domain: Domain, name: str) -> Domain:
+def same_mesh(case: Case, domain: Domain, name: str) -> Domain:
     """Return the domain of a case with another geometry, whose elements have the same vertices.
 
     Raises:

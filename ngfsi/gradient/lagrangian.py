@@ -103,8 +103,8 @@ def gradient_form(
         directions: test functions for each variable.
         numbers: of grid functions, how many at the end are single numbers; None: the variables are trial functions.
         at_points: integrals that NGSolve is to differentiate by trial functions at each point, as on boundaries: for
-            the stresses of solids, whose second derivatives fill pages, that takes a fifth of the time, and for the blood,
-            with more unknowns, up to six times as much.
+            the stresses of solids, whose second derivatives fill pages, that takes a fifth of the time, and for the
+            blood, with more unknowns, up to six times as much.
     """
     form = ng.BilinearForm(space, nonassemble=True, check_unused=False)
     with _by_symbols():

@@ -48,7 +48,7 @@ class Parameter:
             CaseError: the value lies at the end of what is allowed.
         """
         try:
-            more, less = (_changed(case, self.path, self.value + sign * self.step) for sign in (1, -1))
+            more, less = (changed(case, self.path, self.value + sign * self.step) for sign in (1, -1))
         except CaseError as error:
             raise CaseError(f"--by {self.name}: {self.value:g} can be varied to one side only: {error}") from None
         return more, less
@@ -135,11 +135,11 @@ def _scale(case: Case, path: tuple[str, ...]) -> float:
     return max((abs(one) for one in _parts(part).values() if isinstance(one, float)), default=0.0) or 1.0
 
 
-def _changed(part: Any, path: tuple[str, ...], value: float) -> Any:
+def changed(part: Any, path: tuple[str, ...], value: float) -> Any:
     """Return a part of a case with another number at a path."""
     if not path:
         return value
-    key, inside = path[0], _changed(_parts(part)[path[0]], path[1:], value)
+    key, inside = path[0], changed(_parts(part)[path[0]], path[1:], value)
     if isinstance(part, ConfigModel):
         return part.replace(**{key: inside})
     if isinstance(part, Mapping):
