@@ -148,6 +148,11 @@ class Condition:
         """
         return None
 
+    def followers(self) -> list[tuple[Parameter, Array]]:
+        """Return the numbers in its integrals that follow the state, with their derivatives by all unknowns in the
+        present state; gradients ask for them."""
+        return []
+
     def update(self, t: float, load_factor: float = 1.0) -> None:
         """Take the value at time t (s), or a fraction of it (`load_factor`, from 0 to 1)."""
 

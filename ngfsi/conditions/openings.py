@@ -244,6 +244,7 @@ class Traction(Opening):
         self._developed = developed
         self._entering = Parameter(0.0)
         self._back: GridFunction | None = None
+        self._beside: ng.BilinearForm | None = None
 
     def attach(self, setup: Setup) -> None:
         super().attach(setup)
@@ -288,6 +289,25 @@ class Traction(Opening):
         """Take the flow with which blood comes back through an outlet."""
         if self._back is not None:
             self._entering.Set(max(0.0, -self.outflow()) / -self._integral(self._back_flux))
+
+    def followers(self) -> list[tuple[Parameter, Array]]:
+        """Return the factor on the profile with which blood comes back: it is 0 while none does."""
+        if self._back is None or not self._entering.Get():
+            return []
+        setup, space = self._setup, self._setup.unknowns.space
+        if self._beside is None:
+            k = Kinematics(ng.Grad(setup.trial[MOTION]).Trace())
+            velocity = setup.trial[VELOCITY].Trace() - self._entering * self._back.Trace()
+            flux = terms.relative_flux(k, velocity, self.domain.outward_normal(self.lumen))
+            over = self.domain.ds(self.opening, bonus_intorder=2 * setup.unknowns.order)
+            self._beside = ng.BilinearForm(space, nonassemble=True, check_unused=False)
+            self._beside += ng.Variation(flux * over)
+        state = GridFunction(space)
+        for part, present in zip(state.components, setup.state.values(), strict=True):
+            part.vec.data = present.vec
+        slopes = state.vec.CreateVector()
+        self._beside.Apply(state.vec, slopes)
+        return [(self._entering, np.array(slopes.FV().NumPy()) / self._integral(self._back_flux))]
 
     def state_arrays(self) -> dict[str, Array]:
         """Return the present value, and the factor on the profile with which blood comes back."""

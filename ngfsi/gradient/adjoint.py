@@ -27,16 +27,16 @@ import numpy as np
 
 from ngfsi.arrays import Array
 from ngfsi.case import Case
-from ngfsi.conditions.openings import Traction
 from ngfsi.errors import CaseError, SolverError
 from ngfsi.gradient.functionals import Measured, measured
 from ngfsi.gradient.lagrangian import Lagrangian, Residual, Uncondensed
 from ngfsi.gradient.parameters import Parameter
 from ngfsi.linear.backends import BACKENDS, choose_backend
+from ngfsi.linear.factorisation import Factorisation
 from ngfsi.measure.deformation import Deformation
 from ngfsi.mesh.domain import Domain
 from ngfsi.physics.integrals import Integral
-from ngfsi.solve.initial import Say, initial_state, silent
+from ngfsi.solve.initial import Say, initial_state, relaxation_form, silent
 from ngfsi.solve.newton import WEIGHT_DRIFT, Newton
 from ngfsi.solve.time_loop import Solved, TimeLoop
 from ngfsi.system.schemes import STAGES, Weights
@@ -171,10 +171,6 @@ def check_supported(case: Case) -> None:
     Raises:
         CaseError: says what, and what to do.
     """
-    if case.conditions.initial_state == "prestress":
-        raise CaseError(
-            'a gradient does not know the shape free of stress of initial_state = "prestress": use "preload"'
-        )
     if case.conditions.coupling == "one_way":
         raise CaseError('a gradient is of the whole coupled system: use conditions.coupling = "two_way"')
     if case.time.scheme in STAGES and case.time.error_tolerance is not None:
@@ -211,6 +207,7 @@ class StoredStates:
         newton = Newton(system, linear, *system.unknowns.to_solve)
         initial_state(system, newton, say)
         self.free, self.factors = newton.free, newton.factorisation
+        self.relaxation = None if system.relaxation is None else np.array(system.relaxation.vec.FV().NumPy())
         system.prescribe()
         zero = np.zeros(system.unknowns.size)
         self.moments = [Moment(0.0, np.inf, 0.0, system.values.copy(), (zero, zero), {}, accepted=True)]
@@ -251,6 +248,8 @@ class StoredStates:
         system.update(moment.time)
         system.set_rates(Weights(moment.new, 1.0, 0.0), (velocity, velocity), (acceleration, acceleration), moment.step)
         system.values[:] = moment.state
+        if system.relaxation is not None:
+            system.relaxation.vec.FV().NumPy()[:] = self.relaxation
         system.prescribe()
 
 
@@ -344,9 +343,12 @@ class Adjoint:
         self.run, self.quantity, self.window = run, quantity, window
         self.measured = measured(run.system, quantity)
         self.lagrangian = Lagrangian(run.case, run.domain)
+        self._free, self._factors = run.free, run.factors
         self._factored = run.system.new_weight.Get()
         self.iterations: list[int] = []
         self.factorisations = 0
+        self._followers: list[tuple[Array, Array]] = []
+        self._by_relaxation = np.zeros(run.system.unknowns.size)
         self._random = np.random.default_rng(0)
         self._right, self._result = (run.system.state.vec.CreateVector() for _ in range(2))
 
@@ -403,16 +405,22 @@ class Adjoint:
             by_state += slope * state
             by_histories[0] = by_rate + slope * history
         lagrangian.restore(system.snapshot())
-        self._check_conditions()
-        multipliers = self._solve(self._pulled_back(by_state))
+        self._find_followers()
+        if number == 0 and run.relaxation is not None:
+            multipliers = self._of_prestress(by_state)
+        else:
+            multipliers = self._solve(self._pulled_back(by_state))
         lagrangian.set_multipliers(multipliers)
+        by_relaxation = lagrangian.by_relaxation()
+        if by_relaxation is not None:
+            self._by_relaxation -= by_relaxation
         products = lagrangian.by_histories()
         self._check(number, multipliers, *products)
         for earlier, (of_state, of_rate) in moment.earlier.items():
             for order, (by_history, product) in enumerate(zip(by_histories, products, strict=True)):
                 owed[earlier][order] += of_state * (by_history - product)
                 owed[earlier][order + 1] += of_rate * (by_history - product)
-        return multipliers, by_state - lagrangian.by_state()
+        return multipliers, by_state - self._derivative(multipliers)
 
     def _pulled_back(self, by_all: Array) -> Array:
         """Return a derivative by all unknowns as one by the free ones, on which those that are prescribed depend."""
@@ -424,7 +432,34 @@ class Adjoint:
                 factors[numbers] = by_all[numbers]
                 if (part := condition.pull_back(factors)) is not None:
                     found += part
-        found[~self.run.free] = 0.0
+        found[~self._free] = 0.0
+        return found
+
+    def _of_prestress(self, by_state: Array) -> Array:
+        """Return the multipliers of a start in the given shape: in place of the motion, that does not take part, there
+        is the displacement to the shape that is free of stress, on which all moments depend."""
+        system, backend = self.run.system, self.run.factors.backend
+        space = system.unknowns.space.components[0]
+        solids = system.unknowns.free("d")
+        form = relaxation_form(system, condense=False)
+        factors = Factorisation(form, solids[: space.ndof], backend)
+        relaxation, right = ng.GridFunction(space), ng.GridFunction(space)
+        relaxation.vec.FV().NumPy()[:] = self.run.relaxation
+        factors.renew(relaxation.vec)
+        right.vec.FV().NumPy()[:] = self._by_relaxation[: space.ndof]
+        factors.solve_transposed(right.vec, relaxation.vec)
+        found = np.zeros_like(by_state)
+        found[: space.ndof] = relaxation.vec.FV().NumPy()
+        flow = [name for name, part in system.unknowns.blocks.items() if len(part) and name not in "de"]
+        if not flow:
+            self.iterations.append(0)
+            return found
+        by_state = by_state - self._derivative(found)
+        self._free, unknowns = system.unknowns.free(*flow), system.unknowns
+        self._factors = Factorisation(system.tangent, self._free, backend, unknowns.equations, less=unknowns.less)
+        self._renew()
+        found += self._solve(np.where(self._free, by_state, 0.0))
+        self._free = self.run.free
         return found
 
     def _solve(self, right: Array) -> Array:
@@ -447,8 +482,7 @@ class Adjoint:
             if rounding or count == MOST:
                 break
             way = self._preconditioned(left / scale)
-            self.lagrangian.set_multipliers(way)
-            product = self._pulled_back(self.lagrangian.by_state()) * scale
+            product = self._pulled_back(self._derivative(way)) * scale
             for other, image in ways:
                 part = image @ product
                 way -= part * other
@@ -475,13 +509,13 @@ class Adjoint:
         return ratio or bool(self.iterations and self.iterations[-1] > SLOW)
 
     def _renew(self) -> None:
-        self.run.factors.renew(self.run.system.state.vec)
+        self._factors.renew(self.run.system.state.vec)
         self._factored = self.run.system.new_weight.Get()
         self.factorisations += 1
 
     def _preconditioned(self, values: Array) -> Array:
         self._right.FV().NumPy()[:] = values
-        self.run.factors.solve_transposed(self._right, self._result)
+        self._factors.solve_transposed(self._right, self._result)
         return np.array(self._result.FV().NumPy())
 
     def _scales(self) -> Array:
@@ -492,10 +526,25 @@ class Adjoint:
                 found[part] = scales[name]
         return found
 
-    def _check_conditions(self) -> None:
-        for condition in self.run.system.conditions.values():
-            if isinstance(condition, Traction) and condition.state_arrays()["value"][1] > 0:
-                raise CaseError(f"a gradient does not know blood that comes back through '{condition.opening}'")
+    def _find_followers(self) -> None:
+        """Find how the residual depends on numbers that follow the present state, on which it depends linearly."""
+        system, self._followers = self.run.system, []
+        for condition in system.conditions.values():
+            for parameter, slopes in condition.followers():
+                present, found = parameter.Get(), []
+                for factor in (1.0, 0.0):
+                    parameter.Set(factor * present)
+                    found.append(system.unknowns.arranged(system.apply()))
+                parameter.Set(present)
+                self._followers.append(((found[0] - found[1]) / present, slopes))
+
+    def _derivative(self, multipliers: Array) -> Array:
+        """Return the derivative of multipliers times residual by all unknowns."""
+        self.lagrangian.set_multipliers(multipliers)
+        found = self.lagrangian.by_state()
+        for by_number, slopes in self._followers:
+            found += (multipliers @ by_number) * slopes
+        return found
 
     def _check(self, number: int, multipliers: Array, first: Array, second: Array) -> None:
         """Compare the derivatives with differences of the residual, of a random change of state and histories.
@@ -506,7 +555,7 @@ class Adjoint:
         system, free, moment = self.run.system, self.run.free, self.run.moments[number]
         change = PROBE * self._scales() * self._random.standard_normal(len(free)) * free
         rate = moment.new
-        slope = self._pulled_back(self.lagrangian.by_state())
+        slope = self._pulled_back(self._derivative(multipliers))
         parts = [slope * change, rate * first * change, rate**2 * second * change]
         expected, size = sum(part.sum() for part in parts), sum(float(np.linalg.norm(part)) for part in parts)
         products = []

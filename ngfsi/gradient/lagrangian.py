@@ -65,6 +65,8 @@ class Lagrangian(System):
             gradient_form(space, integrals, field.components, directions, numbers=len(self.unknowns.scales))
             for field in (self.velocity_history, self.acceleration_history)
         ]
+        motion = [self.relaxation], [self._direction[MOTION]]
+        self._by_relaxation = None if self.relaxation is None else gradient_form(space, self._works, *motion, numbers=0)
         self._result = self.state.vec.CreateVector()
         return None, None
 
@@ -82,6 +84,11 @@ class Lagrangian(System):
         """Return the derivatives by the histories of the velocity and of the acceleration."""
         first, second = (self._applied(form) for form in self._by_histories)
         return first, second
+
+    def by_relaxation(self) -> Array | None:
+        """Return the derivative by the displacement to the shape free of stress, in the places of the motion; None: the
+        given shape is free of stress."""
+        return None if self._by_relaxation is None else self._applied(self._by_relaxation)
 
     def _applied(self, form: ng.BilinearForm) -> Array:
         form.Apply(self.state.vec, self._result)
