@@ -1,4 +1,4 @@
-"""Command line: `ngfsi new`, `check`, `run`, `resume`, `study`, `verify`, `info`, `report`, `export` and others.
+"""Command line: `ngfsi new`, `check`, `run`, `resume`, `gradient`, `study`, `verify`, `info`, `report` and others.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
 equations could not be solved, 4 stopped before its end as asked (--max-wall, a file STOP), 130 interrupted by Ctrl-C,
@@ -217,6 +217,52 @@ def resume(
 
 
 @app.command()
+def gradient(
+    case: Annotated[Path, typer.Argument(help="Case file in TOML.", metavar="CASE.toml")],
+    of: Annotated[
+        str,
+        typer.Option(
+            "--of",
+            metavar="QUANTITY",
+            help="Column of series.csv without its unit; with _mean, _change or _loss its mean over the window, or its "
+            "change or the part lost from start to end; alone its value at the end.",
+        ),
+    ],
+    by: Annotated[
+        str,
+        typer.Option("--by", metavar="PARAMETERS", help="Keys of the case, with commas; of tables all their numbers."),
+    ] = "materials,loads",
+    window: Annotated[
+        str, typer.Option(metavar="START,END", help="Times [s] over which a mean is taken; default the whole run.")
+    ] = "",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of gradient.csv and a bar chart; default runs/gradient-<name>."),
+    ] = None,
+    quiet: Quiet = False,
+    changes: Changes = None,
+    _: Plugin = None,
+) -> None:
+    """Compute what a result depends on.
+
+    Derivatives and elasticities (percent per percent) of a quantity by any number of parameters, for about the price
+    of two more runs, by a discrete adjoint of the whole run.
+
+    Example: ngfsi gradient calf.toml --of sawss_mean --window 0.5,1 --by materials.tissue,loads.inlet_flow
+    """
+    from ngfsi.case import Case
+    from ngfsi.gradient import command
+    from ngfsi.report.terminal import console
+
+    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    folder = output or Path("runs") / f"gradient-{chosen.name}"
+    with _interruptible(folder):
+        found = command.gradient(chosen, of, by, window, folder, (lambda _: None) if quiet else _say)
+    console().print(command.table(found))
+    typer.echo(f"The numbers and a chart are in '{folder}'")
+
+
+@app.command()
 def study(
     name: Annotated[str, typer.Argument(help="Name of the study, e.g. compare_tissues.")],
     level: Annotated[
@@ -429,8 +475,8 @@ def report(
 
 
 OWN = (
-    "run", "new", "schema", "check", "resume", "study", "verify", "bench", "materials", "info", "cite", "export",
-    "animate", "report",
+    "run", "new", "schema", "check", "resume", "gradient", "study", "verify", "bench", "materials", "info", "cite",
+    "export", "animate", "report",
 )  # fmt: skip
 """The commands above; others are registered by packages."""
 

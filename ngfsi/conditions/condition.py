@@ -144,6 +144,20 @@ class Condition:
     def prescribe(self, values: Array) -> None:
         """Write the values of the prescribed unknowns into a vector, for the present shape."""
 
+    def pull_back(self, _factors: Array) -> Array | None:
+        """Return the derivative of a weighted sum of the prescribed values by all unknowns, of whose present values
+        they may depend; None: they do not. Gradients ask for it (ngfsi/gradient).
+
+        Args:
+            factors: of the prescribed values, in the whole vector.
+        """
+        return None
+
+    def followers(self) -> list[tuple[Parameter, Array]]:
+        """Return the numbers in its integrals that follow the state, with their derivatives by all unknowns in the
+        present state; gradients ask for them."""
+        return []
+
     def update(self, t: float, load_factor: float = 1.0) -> None:
         """Take the value at time t (s), or a fraction of it (`load_factor`, from 0 to 1)."""
 

@@ -112,6 +112,8 @@ class GivenFlow(Opening):
         self._kind = profile
         self._time, self._factor = 0.0, 1.0
         self._by_flow: dict[int, tuple[Array, Any]] = {}
+        self._scaled: tuple[Array, float] = (np.zeros(0), 1.0)
+        self._outflow_form: Any = None
 
     def velocity_on(self) -> tuple[str, ...]:
         return (self.opening,)
@@ -192,9 +194,38 @@ class GivenFlow(Opening):
         if self._wave is not None:
             values[self._numbers] = sign * self._factor * self._wave(self._time)
             left += sign * self.outflow()
-        shapes = self._shapes(left)
+        self._scaled = shape, flux = self._profile_at(left)
+        values[self._numbers] += shape * (sign * left / flux)
+
+    def _profile_at(self, flow: float) -> tuple[Array, float]:
+        """Return the profile into the vessel at a flow (m3/s), and its flux in the present shape."""
+        shapes = self._shapes(flow)
         flux = -sum(weight * self._integral(one) for weight, _, one in shapes)
-        values[self._numbers] += sum(weight * shape for weight, shape, _ in shapes) * (sign * left / flux)
+        return np.asarray(sum(weight * shape for weight, shape, _ in shapes)), flux
+
+    def pull_back(self, factors: Array) -> Array:
+        """Return the derivative by the shape of the opening: by the scaled profile what it changes of the flux is made
+        up for."""
+        shape, flux = self._scaled
+        found = np.zeros(len(factors))
+        by_motion = self._by_motion()
+        found[: len(by_motion)] = (factors[self._numbers] @ shape) / flux * by_motion
+        return found
+
+    def _by_motion(self) -> Array:
+        """Return the derivative of the present outflow (m3/s) by the unknowns of the motion."""
+        motion, velocity = self._setup.state[MOTION], self._setup.state[VELOCITY]
+        if self._outflow_form is None:
+            k, normal = (
+                Kinematics(ng.Grad(motion.space.TrialFunction()).Trace()),
+                self.domain.outward_normal(self.lumen),
+            )
+            over = self.domain.ds(self.opening, bonus_intorder=2 * self._setup.unknowns.order)
+            self._outflow_form = ng.BilinearForm(motion.space, nonassemble=True, check_unused=False)
+            self._outflow_form += ng.Variation(terms.relative_flux(k, velocity.Trace(), normal) * over)
+        result = motion.vec.CreateVector()
+        self._outflow_form.Apply(motion.vec, result)
+        return np.array(result.FV().NumPy())
 
     def flow_scale(self) -> float:
         return float(abs(self.value.Get()))
@@ -213,6 +244,7 @@ class Traction(Opening):
         self._developed = developed
         self._entering = Parameter(0.0)
         self._back: GridFunction | None = None
+        self._beside: ng.BilinearForm | None = None
 
     def attach(self, setup: Setup) -> None:
         super().attach(setup)
@@ -257,6 +289,25 @@ class Traction(Opening):
         """Take the flow with which blood comes back through an outlet."""
         if self._back is not None:
             self._entering.Set(max(0.0, -self.outflow()) / -self._integral(self._back_flux))
+
+    def followers(self) -> list[tuple[Parameter, Array]]:
+        """Return the factor on the profile with which blood comes back: it is 0 while none does."""
+        if self._back is None or not self._entering.Get():
+            return []
+        setup, space = self._setup, self._setup.unknowns.space
+        if self._beside is None:
+            k = Kinematics(ng.Grad(setup.trial[MOTION]).Trace())
+            velocity = setup.trial[VELOCITY].Trace() - self._entering * self._back.Trace()
+            flux = terms.relative_flux(k, velocity, self.domain.outward_normal(self.lumen))
+            over = self.domain.ds(self.opening, bonus_intorder=2 * setup.unknowns.order)
+            self._beside = ng.BilinearForm(space, nonassemble=True, check_unused=False)
+            self._beside += ng.Variation(flux * over)
+        state = GridFunction(space)
+        for part, present in zip(state.components, setup.state.values(), strict=True):
+            part.vec.data = present.vec
+        slopes = state.vec.CreateVector()
+        self._beside.Apply(state.vec, slopes)
+        return [(self._entering, np.array(slopes.FV().NumPy()) / self._integral(self._back_flux))]
 
     def state_arrays(self) -> dict[str, Array]:
         """Return the present value, and the factor on the profile with which blood comes back."""

@@ -127,6 +127,16 @@ class Factorisation:
             self._invert(residual, update)
             update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
 
+    def solve_transposed(self, right: Any, result: Any) -> None:
+        """Write the solution of (linearisation)^T result = right, zero on fixed unknowns, to `result`.
+
+        For direct solvers, and a form without condensation.
+        """
+        assert not self.form.condense
+        assert not self._iterates
+        with self._watch("solves"):
+            result.data = self._inverse.T * right
+
     def _invert(self, right: Any, result: Any) -> None:
         if self._iterates:
             result.FV().NumPy()[:] = self._inverse.solve(right)

@@ -6,6 +6,7 @@ SciPy is loaded when there is something to measure: half a second, for which a r
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import netgen.meshing as nm
 import ngsolve as ng
@@ -14,7 +15,7 @@ import numpy as np
 from ngfsi.arrays import Array
 from ngfsi.mesh.centreline import Centreline
 from ngfsi.mesh.geometry import Vessel
-from ngfsi.mesh.surface import Outlines, Surface
+from ngfsi.mesh.surface import Outlines, Surface, gauss
 from ngfsi.system.system import System
 
 STATIONS = 11
@@ -80,7 +81,7 @@ class Sections:
         self.points, velocity = values[..., :3], values[..., 3:]
         tangent, normal = self.outlines.derivative(self.points), self.outlines.spread(self.normals)
         self.areas = self.outlines.enclosed(self.points - self.outlines.spread(self.centres), tangent)
-        self.area_rates = self.outlines.integral(self._outward_rate(velocity, tangent, normal))
+        self.area_rates = self.outlines.integral(np.sum(velocity * self._outward(tangent, normal), axis=2))
         lengths = np.linalg.norm(tangent - np.sum(tangent * normal, axis=2)[..., None] * normal, axis=2)
         self.perimeters = self.outlines.integral(lengths)
         off = np.abs(np.sum((self.points - self.outlines.spread(self.centres)) * normal, axis=2)).max(axis=1)
@@ -94,19 +95,25 @@ class Sections:
             sizes = np.linalg.norm(surface.values(surface.coefficients(shear), self.outlines), axis=2)
             self.shears = self.outlines.integral(sizes * lengths) / self.perimeters
 
-    def _outward_rate(self, velocity: Array, tangent: Array, normal: Array) -> Array:
-        """Return the rate (arcs, points) at which outlines sweep area, per parameter of the arc.
+    def _outward(self, tangent: Array, normal: Array) -> Array:
+        """Return vectors (arcs, points, 3) whose product with the velocity is the rate at which outlines sweep area,
+        per parameter of the arc.
 
         Material that moves along the plane's normal takes the outline along the wall: with the wall's normal w and the
         outward one n in the plane, the outline moves by v . w / (n . w). A rim goes with its material.
         """
         outward = np.cross(tangent, normal)
-        of_material = np.sum(velocity * outward, axis=2)
         wall = self._surface.normals(self._place, self.outlines)
         whole = self.outlines.whole[self.outlines.station, None] & (np.sum(tangent**2, axis=2) > 0)
         along = np.sum(outward * wall, axis=2)
-        swept = np.sum(velocity * wall, axis=2) * np.sum(outward**2, axis=2)
-        return np.asarray(np.where(whole, swept / np.where(whole, along, 1.0), of_material))
+        swept = wall * (np.sum(outward**2, axis=2) / np.where(whole, along, 1.0))[..., None]
+        return np.asarray(np.where(whole[..., None], swept, outward))
+
+    def area_slopes(self, space: Any) -> Array:
+        """Return the derivative of the sum of the areas by the unknowns of the motion, of whose space they are."""
+        tangent, normal = self.outlines.derivative(self.points), self.outlines.spread(self.normals)
+        weights = gauss(self.points.shape[1]).weights[:, None]
+        return self._surface.transposed(weights * self._outward(tangent, normal), self.outlines, space)
 
     @property
     def blood(self) -> Array:

@@ -164,6 +164,7 @@ class Surface:
         kinds = [element.type for element in elements]
         first = np.cumsum([0, *(len(nodes[kind]) for kind in kinds)])
         total = np.add.outer(np.arange(degree + 1), np.arange(degree + 1)).ravel()
+        self._elements, self._nodes = elements, list(nodes.values())
         self._parts = []
         """Of each kind: its elements, the numbers of their values, its functions, coefficients from values."""
         for kind, at in nodes.items():
@@ -192,6 +193,26 @@ class Surface:
         for elements, numbers, functions, inverse in self._parts:
             found[elements[:, None], functions] = inverse @ values[numbers]
         return found
+
+    def transposed(self, factors: Array, outlines: Outlines, space: Any) -> Array:
+        """Return the derivative of a weighted sum of a field's values on outlines by the unknowns of its space.
+
+        Args:
+            factors: (arcs, points, dim) of the values.
+            space: `VectorH1`.
+        """
+        of_coefficients = np.zeros((len(self._vertices), (self._degree + 1) ** 2, factors.shape[2]))
+        np.add.at(of_coefficients, outlines.element, np.swapaxes(self._basis(outlines.points), 1, 2) @ factors)
+        scalar = space.components[0]
+        found = np.zeros((factors.shape[2], scalar.ndof))
+        for (elements, _, functions, inverse), nodes in zip(self._parts, self._nodes, strict=True):
+            of_values = np.swapaxes(inverse, 0, 1) @ of_coefficients[elements[:, None], functions]
+            for number in np.flatnonzero(np.any(of_values, axis=(1, 2))):
+                element = self._elements[elements[number]]
+                finite, unknowns = scalar.GetFE(element), np.array(scalar.GetDofNrs(element))
+                shapes = np.array([finite.CalcShape(*point) for point in nodes])
+                np.add.at(found.T, unknowns, shapes.T @ of_values[number])
+        return found.ravel()
 
     def values(self, coefficients: Array, outlines: Outlines) -> Array:
         """Return the values (arcs, points, dim) of a field on outlines."""

@@ -98,6 +98,20 @@ def stacked_bars(parts: Mapping[str, Mapping[str, float]], shown: Shown, path: P
     figure.savefig(path)
 
 
+def bars(values: Mapping[str, float], label: str, path: Path) -> None:
+    """Draw a bar to either side for each value, the first on top."""
+    longest = max(map(len, values))
+    figure, axes = new_figure(4.4 + 0.075 * longest, 1.2 + 0.28 * len(values))
+    axes.barh(
+        range(len(values)), list(values.values()), color=[COLOURS[int(v < 0)] for v in values.values()], height=0.7
+    )
+    axes.set_yticks(range(len(values)), list(values), fontsize=8)
+    axes.invert_yaxis()
+    axes.axvline(0.0, color=QUIET, linewidth=1)
+    axes.set_xlabel(label)
+    figure.savefig(path)
+
+
 MOST_PANELS = 14
 """Inputs that fit beside each other."""
 

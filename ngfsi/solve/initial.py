@@ -126,6 +126,16 @@ def _by_fractions(newton: Newton, tolerance: float, apply: Callable[[float], Non
             reached = trial
 
 
+def relaxation_form(system: System, *, condense: bool) -> ng.BilinearForm:
+    """Return the work of the solids' stresses in the given shape, as a form of the displacement from it to the shape
+    free of stress."""
+    given = Id(system.domain.mesh.dim)
+    trial, test = system.unknowns.space.components[0].TnT()
+    unloaded = Inv(given + ng.Grad(trial))
+    integrals = [one for name in system.solids for one in system.work_integrals(name, given, ng.Grad(test), unloaded)]
+    return tangent_form(system.unknowns.space.components[0], integrals, condense=condense)
+
+
 def _relax(system: System, backend: Name) -> int:
     """Find the displacement U from the given to the stress-free shape (Govindjee and Mihalic 1996).
 
@@ -134,11 +144,8 @@ def _relax(system: System, backend: Name) -> int:
     """
     assert system.relaxation is not None
     space = system.unknowns.space.components[0]
-    relaxation, given = GridFunction(space), Id(system.domain.mesh.dim)
-    trial, test = space.TnT()
-    unloaded = Inv(given + ng.Grad(trial))
-    integrals = [one for name in system.solids for one in system.work_integrals(name, given, ng.Grad(test), unloaded)]
-    form = tangent_form(space, integrals, condense=system.tangent.condense)
+    relaxation = GridFunction(space)
+    form = relaxation_form(system, condense=system.tangent.condense)
     load = np.array(system.residual().FV().NumPy()[: space.ndof])  # of blood and skin: the tissue is not stressed yet
     free = system.unknowns.free("d")[: space.ndof]
     factorisation = Factorisation(form, free, backend, levels=lambda: levels_of(system.domain, system.unknowns))

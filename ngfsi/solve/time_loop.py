@@ -66,6 +66,26 @@ class Step:
                 "factorisations": taken.factorisations, "linear_iterations": taken.linear_iterations}  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Solved:
+    """What was solved within an accepted step, by a scheme of one step or as one of its stages.
+
+    Attributes:
+        time, step: s; as the system had them.
+        new: weight of the state in its rates (1/s).
+        state: of all unknowns.
+        earlier: what the histories of the rates are sums of: number of what was solved -> weights of its state and of
+            its rate in that of the velocity, which are those of rate and acceleration in that of the acceleration. 0
+            is the last accepted state, -1 the one before, and the stages of this step are 1, 2, ...
+    """
+
+    time: float
+    step: float
+    new: float
+    state: Array
+    earlier: Mapping[int, tuple[float, float]]
+
+
 @dataclass
 class History:
     """Old states, newest first: enough for the scheme and the predictor.
@@ -165,6 +185,7 @@ class TimeLoop:
 
     Attributes:
         milestones: times (s) that are hit, which are those of all steps if none is shortened; the last is the end.
+        solved: in the last step, in order.
     """
 
     def __init__(
@@ -188,6 +209,7 @@ class TimeLoop:
         self._stages = STAGES.get(case.time.scheme)
         self._free = self._stages is not None and case.time.error_tolerance is not None
         self._acceleration: Array | None = None
+        self.solved: list[Solved] = []
         self._at_end: dict[str, Array] | None = None
 
     @property
@@ -313,8 +335,8 @@ class TimeLoop:
         old = min(1, len(history.states) - 1)
         system.update(time + size)
         states, rates = (history.states[0], history.states[old]), (history.rates[0], history.rates[old])
-        step = np.inf if case.time.scheme == "static" else size
-        system.set_rates(weights(case.time.scheme, size, previous), states, rates, step)
+        step, chosen = np.inf if case.time.scheme == "static" else size, weights(case.time.scheme, size, previous)
+        system.set_rates(chosen, states, rates, step)
         predicted = history.extrapolated(time + size)
         self._start_from(predicted, size)
         ahead = weights(case.time.scheme, size, size).new
@@ -322,6 +344,8 @@ class TimeLoop:
         if reason := self._inspect():
             raise SolverError(reason)
         self._check_accuracy(size, predicted)
+        earlier = {0: (chosen.old, 0.0), -1: (chosen.older, 0.0)}
+        self.solved = [Solved(time + size, step, chosen.new, system.values.copy(), earlier)]
         return solution
 
     def _start_from(self, predicted: Array, size: float) -> None:
@@ -349,7 +373,8 @@ class TimeLoop:
         times, states = history.smooth_part()
         rates: list[Array] = []
         accelerations: list[Array] = []
-        taken = Solution()
+        taken, solved = Solution(), list[Solved]()
+        first = 0 if tableau.explicit else 1
         for row, place in zip(tableau.rows, tableau.places, strict=True):
             if row[-1] == 0.0:
                 rates.append(history.rates[0])
@@ -365,9 +390,12 @@ class TimeLoop:
             times, states = [now, *times], [system.values.copy(), *states]
             rates.append(system.rates())
             accelerations.append(stage.new * (rates[-1] - base_rate))
+            earlier = {n: (0.0, stage.old * size * weight) for n, weight in enumerate(row[:-1], start=first)}
+            earlier[0] = stage.old, earlier.get(0, (0.0, 0.0))[1]
+            solved.append(Solved(now, place * size, stage.new, states[0], earlier))
         if reason := self._inspect():
             raise SolverError(reason)
-        self._acceleration = accelerations[-1]
+        self._acceleration, self.solved = accelerations[-1], solved
         if self._free:
             self._control(size, self._over_scales(size * np.abs(_sum(tableau.estimate, rates))), tableau.estimate_order)
         return taken

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import ngsolve as ng
 import numpy as np
@@ -61,6 +61,9 @@ class System:
         solids: the models of the solids, by region.
         step: size of the step that is being taken (s); infinite at rest.
     """
+
+    condenses: ClassVar[bool] = True
+    """Whether interior unknowns are eliminated from the tangent, where elements have any."""
 
     def __init__(
         self, case: Case, domain: Domain, watch: Stopwatch | None = None, ranks: Ranks = SERIAL,
@@ -168,23 +171,35 @@ class System:
 
         With one-way coupling the blood's terms are missing in the equations of the solids, where they are its traction.
         """
-        integrals, thins = self.integrals(), bool(self.domain.lumens) and not self.blood.newtonian
-        residual: Any = residual_form(space, integrals)
-        velocity, rest = (field.components[0] for field in (self.velocity_history, self.acceleration_history))
-        acceleration = second_rate(self.new_weight, self._trial[MOTION], velocity, rest)
-        linear = [
-            *(self.integrals(linearised=True) if thins else integrals),
-            *self.inertia_integrals(acceleration, self._test[MOTION]),
-        ]
-        one_way = any(condition.excludes_blood() for condition in self.conditions.values())
+        return self._residual_form(space), self._tangent_form(space)
+
+    @property
+    def _one_way(self) -> bool:
+        return any(condition.excludes_blood() for condition in self.conditions.values())
+
+    def _residual_form(self, space: Any) -> Any:
+        residual: Any = residual_form(space, self.integrals())
+        if self._one_way:
+            part = residual_form(space, self.blood_integrals(self._elements))
+            residual = WithoutRows(residual, part, self.unknowns.blocks["d"])
+        return self._with_inertia(residual)
+
+    def _tangent_form(self, space: Any) -> Any:
+        thins, one_way = bool(self.domain.lumens) and not self.blood.newtonian, self._one_way
+        linear = [*self.integrals(linearised=thins), *self.inertia_integrals(self._acceleration, self._test[MOTION])]
         # interior unknowns appear from order 3 on
-        tangent: Any = tangent_form(space, linear, condense=self.unknowns.order >= 3 and not one_way)
+        condense = self.condenses and self.unknowns.order >= 3 and not one_way
+        tangent: Any = tangent_form(space, linear, condense=condense)
         if one_way:
-            rows = self.unknowns.blocks["d"]
-            residual = WithoutRows(residual, residual_form(space, self.blood_integrals(self._elements)), rows)
             blood = self.blood_integrals(self._elements, linearised=thins)
-            tangent = WithoutRows(tangent, tangent_form(space, blood), rows)
-        return self._with_inertia(residual), tangent
+            tangent = WithoutRows(tangent, tangent_form(space, blood), self.unknowns.blocks["d"])
+        return tangent
+
+    @property
+    def _acceleration(self) -> Any:
+        """The acceleration of the solids, of trial functions."""
+        velocity, rest = (field.components[0] for field in (self.velocity_history, self.acceleration_history))
+        return second_rate(self.new_weight, self._trial[MOTION], velocity, rest)
 
     def _with_inertia(self, residual: Any) -> WithInertia:
         motion = self.unknowns.space.components[0]

@@ -1,0 +1,594 @@
+"""A run with its states, and the adjoint of its discrete equations backwards through them.
+
+At each time R(y, h, a; p) = 0 with the histories h and a of the rates r = w y + h and w r + a: sums of earlier states,
+rates and accelerations by the scheme's weights. The multipliers of a time solve
+
+    (dR/dy)^T z = dQ/dy + what later times owe to y,
+
+and by the histories, -(dR/dh)^T z and -(dR/da)^T z, earlier times owe theirs. The factors are those of the run,
+transposed, and renewed when they are too old; an iteration on the exact product, which NGSolve differentiates (see
+`lagrangian`), makes up for their age, and for what the tangent of the run leaves out.
+
+dR/dp is a central difference of the residual, of two systems whose case differs in p alone, at the states of the run.
+It costs no solution, is right to 1e-8, and needs nothing of a law or a condition: neither code nor a parameter of
+NGSolve's in place of a number, of which there would be one form each as well. Only terms that may differ are evaluated.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+
+from ngfsi.arrays import Array
+from ngfsi.case import Case
+from ngfsi.errors import CaseError, SolverError
+from ngfsi.gradient.functionals import Measured, measured
+from ngfsi.gradient.lagrangian import Lagrangian, Residual, Uncondensed
+from ngfsi.gradient.parameters import Parameter
+from ngfsi.linear.backends import BACKENDS, choose_backend
+from ngfsi.linear.factorisation import Factorisation
+from ngfsi.measure.deformation import Deformation
+from ngfsi.mesh.domain import Domain
+from ngfsi.physics.integrals import Integral
+from ngfsi.solve.initial import Say, initial_state, relaxation_form, silent
+from ngfsi.solve.newton import WEIGHT_DRIFT, Newton
+from ngfsi.solve.time_loop import Solved, TimeLoop
+from ngfsi.system.schemes import STAGES, Weights
+from ngfsi.system.system import System
+
+TOLERANCE = 1e-9
+"""Of Newton's method at most: the gradient is of states that satisfy their equations."""
+EXACT, ENOUGH = 1e-9, 1e-7
+"""Relative residual of the adjoint equations that is aimed at, and that is accepted where rounding hinders more."""
+SLOW, PATIENCE = 10, 16
+"""Iterations beyond which the next moment has new factors, and after which this one has."""
+MOST = 200
+"""Iterations at most."""
+STAGNATES = 0.1
+"""Fraction of the residual that an iteration takes away at least, or an accepted one is left at that."""
+AGREEMENT = 1e-4
+"""Relative difference beyond which derivatives and differences of the residual are not the same."""
+PROBE = 1e-5
+"""Size of the change of the state by which they are compared, over the scales of its unknowns."""
+
+
+Owed = defaultdict[int, Array]
+"""Number of a moment -> derivatives of what follows by its state, its rate and its acceleration."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A state that was solved for: that of a step, or of a stage within one.
+
+    Attributes:
+        time, step: s; the step infinite at rest.
+        new: weight of the state in its rates (1/s).
+        state: of all unknowns.
+        histories: of velocity and acceleration, without the new state's part.
+        earlier: the moments of which the histories are sums, with the weights of state and rate in that of the
+            velocity, which are those of rate and acceleration in that of the acceleration.
+        accepted: whether the state is one of the run, which is measured.
+    """
+
+    time: float
+    step: float
+    new: float
+    state: Array
+    histories: tuple[Array, Array]
+    earlier: Mapping[int, tuple[float, float]]
+    accepted: bool
+
+    @property
+    def rate(self) -> Array:
+        """The rates of all unknowns."""
+        return self.new * self.state + self.histories[0]
+
+    @property
+    def acceleration(self) -> Array:
+        """The rates of the rates."""
+        return self.new * self.rate + self.histories[1]
+
+
+@dataclass(frozen=True)
+class Window:
+    """What is made of a quantity over time: its mean over a window, or its change from the start to the end.
+
+    Attributes:
+        start, end: s.
+        kind: mean: by the trapezoidal rule over the steps in the window; end: the last value; change: the last less the
+            first; loss: the fraction of the first that is lost.
+    """
+
+    kind: str = "end"
+    start: float = 0.0
+    end: float = np.inf
+
+    def weights(self, times: Array, values: Array) -> tuple[float, Array]:
+        """Return the number that is made of values at times, and its derivatives by them."""
+        slopes = np.zeros(len(times))
+        if self.kind == "mean":
+            inside = np.flatnonzero((times >= self.start - 1e-9) & (times <= self.end + 1e-9))
+            if not len(inside):
+                raise CaseError(f"--window {self.start:g},{self.end:g}: no step of the run, which ends at "
+                                f"{times[-1]:g} s, is in it")  # fmt: skip
+            sizes = np.diff(times[inside])
+            slopes[inside[:-1]] += sizes / 2
+            slopes[inside[1:]] += sizes / 2
+            slopes = slopes / sizes.sum() if len(sizes) else np.where(np.arange(len(times)) == inside[0], 1.0, 0.0)
+            return float(slopes @ values), slopes
+        first, last = values[0], values[-1]
+        slopes[-1] = 1.0
+        if self.kind == "end":
+            return float(last), slopes
+        slopes[0] -= 1.0
+        if self.kind == "change":
+            return float(last - first), slopes
+        slopes[:] = 0.0
+        slopes[0], slopes[-1] = last / first**2, -1 / first
+        return float(1 - last / first), slopes
+
+
+@dataclass
+class Gradient:
+    """What a gradient is and took.
+
+    Attributes:
+        name: of the quantity and what is made of it.
+        value: of that, SI, with its `unit`.
+        derivatives: by the name of the parameter, SI over SI.
+        parameters: with their values.
+        seconds: of the run, of the adjoint and of the parameters.
+        mean_iterations: for each of the states, whose number is `moments`.
+        stored_mb: memory of the states.
+    """
+
+    name: str
+    unit: str
+    value: float
+    parameters: list[Parameter]
+    derivatives: dict[str, float]
+    seconds: dict[str, float] = field(default_factory=dict)
+    mean_iterations: float = 0.0
+    factorisations: int = 0
+    moments: int = 0
+    stored_mb: float = 0.0
+
+    def elasticities(self) -> dict[str, float]:
+        """Return the change of the quantity in percent for one percent of each parameter, largest first."""
+        found = {one.name: self.derivatives[one.name] * one.value / self.value for one in self.parameters}
+        return dict(sorted(found.items(), key=lambda item: -abs(item[1])))
+
+
+def check_supported(case: Case) -> None:
+    """Refuse what the adjoint does not know.
+
+    Raises:
+        CaseError: says what, and what to do.
+    """
+    if case.conditions.coupling == "one_way":
+        raise CaseError('a gradient is of the whole coupled system: use conditions.coupling = "two_way"')
+    if case.time.scheme in STAGES and case.time.error_tolerance is not None:
+        raise CaseError(f"a gradient does not know the steps that time.scheme = '{case.time.scheme}' chooses: leave "
+                        "time.error_tolerance out")  # fmt: skip
+
+
+class StoredStates:
+    """A run whose states are kept in memory."""
+
+    def __init__(self, case: Case, domain: Domain, say: Say = silent, quantity: str = "") -> None:
+        """Compute the run.
+
+        Args:
+            quantity: that is looked for first; default: none is.
+
+        Raises:
+            CaseError: a gradient does not know something in the case.
+            SolverError: the run fails.
+        """
+        check_supported(case)
+        tight = case.replace(**{"solver.tolerance": min(case.solver.tolerance, TOLERANCE)})
+        self.case, self.domain = tight, domain
+        self.system = system = Uncondensed(tight, domain)
+        for name, model in system.solids.items():
+            if model.state_arrays():
+                raise CaseError(f"a gradient does not know the internal variables of the solid '{name}', as those of "
+                                "materials.*.viscosity.moduli: leave them out; kelvin_voigt is known")  # fmt: skip
+        if quantity:
+            measured(system, quantity)
+        linear = choose_backend(case.solver.linear)
+        if BACKENDS[linear].iterates:
+            raise CaseError(f"a gradient needs factors to transpose: solver.linear = '{linear}' iterates, use 'auto'")
+        newton = Newton(system, linear, *system.unknowns.to_solve)
+        initial_state(system, newton, say)
+        self.free, self.factors = newton.free, newton.factorisation
+        self.relaxation = None if system.relaxation is None else np.array(system.relaxation.vec.FV().NumPy())
+        system.prescribe()
+        zero = np.zeros(system.unknowns.size)
+        self.moments = [Moment(0.0, np.inf, 0.0, system.values.copy(), (zero, zero), {}, accepted=True)]
+        loop = TimeLoop(tight, system, newton, Deformation(system).inversion, say)
+        for _ in loop.run():
+            last = len(self.moments) - 1
+            for one in loop.solved:
+                self._add(one, last, accepted=one is loop.solved[-1])
+
+    def _add(self, solved: Solved, last: int, *, accepted: bool) -> None:
+        """Add what was solved after the accepted state `last`."""
+        earlier = {last + number: weights for number, weights in solved.earlier.items() if any(weights)}
+        velocity, acceleration = np.zeros((2, self.system.unknowns.size))
+        for number, (of_state, of_rate) in earlier.items():
+            moment = self.moments[number]
+            velocity += of_state * moment.state + of_rate * moment.rate
+            acceleration += of_state * moment.rate
+            if of_rate:
+                acceleration += of_rate * moment.acceleration
+        self.moments.append(
+            Moment(solved.time, solved.step, solved.new, solved.state, (velocity, acceleration), earlier, accepted)
+        )
+
+    @property
+    def accepted(self) -> list[int]:
+        """Numbers of the moments that are accepted states."""
+        return [number for number, moment in enumerate(self.moments) if moment.accepted]
+
+    @property
+    def times(self) -> Array:
+        """Of the accepted states (s)."""
+        return np.array([self.moments[number].time for number in self.accepted])
+
+    def show(self, number: int, system: System | None = None) -> None:
+        """Let a system hold a moment: that of the run, or one of a case with other constants, with its own loads."""
+        system, moment = system or self.system, self.moments[number]
+        velocity, acceleration = moment.histories
+        system.update(moment.time)
+        system.set_rates(Weights(moment.new, 1.0, 0.0), (velocity, velocity), (acceleration, acceleration), moment.step)
+        system.values[:] = moment.state
+        if system.relaxation is not None:
+            system.relaxation.vec.FV().NumPy()[:] = self.relaxation
+        system.prescribe()
+
+
+class Varied:
+    """Two systems in whose cases a parameter is larger and smaller."""
+
+    def __init__(self, parameter: Parameter, run: StoredStates, quantity: str, present: Measured) -> None:
+        """Prepare; `present`: the quantity of the run itself."""
+        self.parameter, self._run, self._present = parameter, run, present
+        self._pair = [self._system(case) for case in parameter.varied(run.case)]
+        path, self._measured = parameter.path, list[Measured]()
+        self._counts = path[0] != "materials" or path[1] == "fluid"
+        if self._counts and path[0] in ("materials", "geometry"):
+            self._measured = [measured(system, quantity) for system in self._pair]
+
+    def _system(self, case: Case) -> System:
+        domain, first = self._run.domain, self.parameter.path[0]
+        if first == "geometry":
+            return Residual(case, same_mesh(case, domain, self.parameter.name))
+        if first == "materials":
+            return Residual(case, domain, elements=_elements_of(self.parameter.path[1], case, domain))
+        return Acting(case, domain)
+
+    def slopes(self, number: int, multipliers: Array, owed: Array) -> float:
+        """Return what a moment contributes to the derivative by the parameter, but for the quantity itself.
+
+        Args:
+            multipliers: of the equations.
+            owed: derivative by the unknowns, of which those that are prescribed count.
+        """
+        products, prescribed = [], ~self._run.free
+        for system in self._pair:
+            self._run.show(number, system)
+            product = owed[prescribed] @ system.values[prescribed]
+            system.values[:] = self._run.moments[number].state
+            products.append(product - multipliers @ system.unknowns.arranged(system.apply()))
+        return float(products[0] - products[1]) / (2 * self.parameter.step)
+
+    def measured_slope(self, number: int) -> float:
+        """Return the derivative of the quantity at a moment, whose state is held."""
+        if not self._counts:
+            return 0.0
+        values = []
+        for place, system in enumerate(self._pair):
+            self._run.show(number, system)
+            system.values[:] = self._run.moments[number].state
+            values.append(self._measured[place].value() if self._measured else self._present.under(system))
+        return (values[0] - values[1]) / (2 * self.parameter.step)
+
+
+class Acting(Residual):
+    """A system of which only the terms of the conditions are evaluated: those that may differ with loads."""
+
+    def integrals(self, *, linearised: bool = False) -> list[Integral]:  # noqa: ARG002 - there is no tangent
+        return [one for condition in self.conditions.values() for one in condition.integrals(self._elements)]
+
+    def inertia_integrals(self, _acceleration: Any, _v: Any) -> list[Integral]:
+        return []
+
+
+def _elements_of(region_kind: str, case: Case, domain: Domain) -> ng.BitArray:
+    """Return the elements of the regions whose material stands under a key."""
+    material = getattr(case.materials, region_kind)
+    fluid = region_kind == "fluid"
+    regions = domain.lumens if fluid else [n for n in domain.geometry.solids if case.materials.law_of(n) is material]
+    mask = ng.BitArray(domain.mesh.ne)
+    mask.Clear()
+    for element in domain.materials(*regions).Elements():
+        mask.Set(element.nr)
+    return mask
+
+
+def same_mesh(case: Case, domain: Domain, name: str) -> Domain:
+    """Return the domain of a case with another geometry, whose elements have the same vertices.
+
+    Raises:
+        CaseError: they have not.
+    """
+    other = Domain.build(case.geometry)
+    one, two = ([tuple(v.nr for v in e.vertices) for e in d.mesh.Elements(ng.VOL)] for d in (domain, other))
+    if one != two:
+        raise CaseError(f"--by {name}: the mesh is another one when it changes, so that there is no derivative: "
+                        "structured geometries such as a tube keep theirs")  # fmt: skip
+    return other
+
+
+class Adjoint:
+    """The adjoint equations of a run."""
+
+    def __init__(self, run: StoredStates, quantity: str, window: Window) -> None:
+        self.run, self.quantity, self.window = run, quantity, window
+        self.measured = measured(run.system, quantity)
+        self.lagrangian = Lagrangian(run.case, run.domain)
+        self._free, self._factors = run.free, run.factors
+        self._factored = run.system.new_weight.Get()
+        self.iterations: list[int] = []
+        self.factorisations = 0
+        self._followers: list[tuple[Array, Array]] = []
+        self._by_relaxation = np.zeros(run.system.unknowns.size)
+        self._random = np.random.default_rng(0)
+        self._right, self._result = (run.system.state.vec.CreateVector() for _ in range(2))
+
+    def gradient(self, parameters: Sequence[Parameter], say: Say = silent) -> Gradient:
+        """Return the derivatives of the quantity by parameters.
+
+        Raises:
+            CaseError: something acts of which the derivative is not known; says when.
+            SolverError: the adjoint equations could not be solved.
+        """
+        run = self.run
+        started = perf_counter()
+        varied = [Varied(one, run, self.quantity, self.measured) for one in parameters]
+        setting_up = perf_counter() - started
+        values = []
+        for number in run.accepted:
+            run.show(number)
+            values.append(self.measured.value())
+        value, weights = self.window.weights(run.times, np.array(values))
+        slopes = dict(zip(run.accepted, weights, strict=True))
+        found = {one.name: 0.0 for one in parameters}
+        owed: Owed = defaultdict(lambda: np.zeros((3, run.system.unknowns.size)))
+        for number in reversed(range(len(run.moments))):
+            run.show(number)
+            slope = slopes.get(number, 0.0)
+            multipliers, by_state = self._step(number, slope, owed)
+            before = perf_counter()
+            for one in varied:
+                found[one.parameter.name] += one.slopes(number, multipliers, by_state)
+                if slope:
+                    found[one.parameter.name] += slope * one.measured_slope(number)
+            setting_up += perf_counter() - before
+            say(f"t = {run.moments[number].time:.6g} s: {self.iterations[-1]} iterations")
+        whole = perf_counter() - started
+        unit = self.measured.unit if self.window.kind != "loss" else "1"
+        stored = sum(3 * moment.state.nbytes for moment in run.moments) / 1e6
+        return Gradient(
+            self.quantity if self.window.kind == "end" else f"{self.quantity}_{self.window.kind}", unit, value,
+            list(parameters), found, {"adjoint": whole - setting_up, "parameters": setting_up},
+            float(np.mean(self.iterations)), self.factorisations, len(run.moments), stored,
+        )  # fmt: skip
+
+    def _step(self, number: int, slope: float, owed: Owed) -> tuple[Array, Array]:
+        """Solve for the multipliers of a moment, and let earlier ones owe theirs; return the multipliers, and the
+        derivative of quantity and equations by the unknowns, which is left of those that are prescribed."""
+        run, system, lagrangian = self.run, self.run.system, self.lagrangian
+        moment = run.moments[number]
+        by_state, by_rate, by_acceleration = owed.pop(number, np.zeros((3, run.system.unknowns.size)))
+        by_rate = by_rate + moment.new * by_acceleration
+        by_state = by_state + moment.new * by_rate
+        by_histories = [by_rate, by_acceleration]
+        if slope:
+            state, history = self.measured.gradient()
+            by_state += slope * state
+            by_histories[0] = by_rate + slope * history
+        lagrangian.restore(system.snapshot())
+        self._find_followers()
+        if number == 0 and run.relaxation is not None:
+            multipliers = self._of_prestress(by_state)
+        else:
+            multipliers = self._solve(self._pulled_back(by_state))
+        lagrangian.set_multipliers(multipliers)
+        by_relaxation = lagrangian.by_relaxation()
+        if by_relaxation is not None:
+            self._by_relaxation -= by_relaxation
+        products = lagrangian.by_histories()
+        self._check(number, multipliers, *products)
+        for earlier, (of_state, of_rate) in moment.earlier.items():
+            for order, (by_history, product) in enumerate(zip(by_histories, products, strict=True)):
+                owed[earlier][order] += of_state * (by_history - product)
+                owed[earlier][order + 1] += of_rate * (by_history - product)
+        return multipliers, by_state - self._derivative(multipliers)
+
+    def _pulled_back(self, by_all: Array) -> Array:
+        """Return a derivative by all unknowns as one by the free ones, on which those that are prescribed depend."""
+        found = by_all.copy()
+        for condition in self.run.system.conditions.values():
+            numbers = condition.prescribed()
+            if len(numbers):
+                factors = np.zeros(len(by_all))
+                factors[numbers] = by_all[numbers]
+                if (part := condition.pull_back(factors)) is not None:
+                    found += part
+        found[~self._free] = 0.0
+        return found
+
+    def _of_prestress(self, by_state: Array) -> Array:
+        """Return the multipliers of a start in the given shape: in place of the motion, that does not take part, there
+        is the displacement to the shape that is free of stress, on which all moments depend."""
+        system, backend = self.run.system, self.run.factors.backend
+        space = system.unknowns.space.components[0]
+        solids = system.unknowns.free("d")
+        form = relaxation_form(system, condense=False)
+        factors = Factorisation(form, solids[: space.ndof], backend)
+        relaxation, right = ng.GridFunction(space), ng.GridFunction(space)
+        relaxation.vec.FV().NumPy()[:] = self.run.relaxation
+        factors.renew(relaxation.vec)
+        right.vec.FV().NumPy()[:] = self._by_relaxation[: space.ndof]
+        factors.solve_transposed(right.vec, relaxation.vec)
+        found = np.zeros_like(by_state)
+        found[: space.ndof] = relaxation.vec.FV().NumPy()
+        flow = [name for name, part in system.unknowns.blocks.items() if len(part) and name not in "de"]
+        if not flow:
+            self.iterations.append(0)
+            return found
+        by_state = by_state - self._derivative(found)
+        self._free, unknowns = system.unknowns.free(*flow), system.unknowns
+        self._factors = Factorisation(system.tangent, self._free, backend, unknowns.equations, less=unknowns.less)
+        self._renew()
+        found += self._solve(np.where(self._free, by_state, 0.0))
+        self._free = self.run.free
+        return found
+
+    def _solve(self, right: Array) -> Array:
+        """Return the multipliers z for which the transposed linearisation times z is a vector, zero on fixed unknowns.
+
+        By generalised conjugate residuals, which are GMRES with the products at hand (S. Eisenstat, H. Elman and M.
+        Schultz, SIAM J Numer Anal 20, 1983), in the scale of each unknown, with the factors of an earlier state.
+
+        Raises:
+            SolverError: it does not converge.
+        """
+        scale, count = self._scales(), 0
+        found, left, wanted = np.zeros_like(right), right * scale, EXACT * float(np.linalg.norm(right * scale))
+        if self._is_old():
+            self._renew()
+        ways: list[tuple[Array, Array]] = []
+        fall = 1.0
+        while (norm := float(np.linalg.norm(left))) > wanted:
+            rounding = norm < ENOUGH / EXACT * wanted and fall < STAGNATES
+            if rounding or count == MOST:
+                break
+            way = self._preconditioned(left / scale)
+            product = self._pulled_back(self._derivative(way)) * scale
+            for other, image in ways:
+                part = image @ product
+                way -= part * other
+                product -= part * image
+            length = np.linalg.norm(product)
+            ways.append((way / length, product / length))
+            step = ways[-1][1] @ left
+            found += step * ways[-1][0]
+            left = left - step * ways[-1][1]
+            fall = 1 - float(np.linalg.norm(left)) / norm
+            count += 1
+            if count == PATIENCE:
+                self._renew()
+        self.iterations.append(count)
+        if norm > ENOUGH / EXACT * wanted:
+            size = EXACT * norm / wanted
+            raise SolverError(f"the adjoint equations were solved to {size:.1e} only, in {count} iterations")
+        return found
+
+    def _is_old(self) -> bool:
+        """Whether the factors are too far from the present state."""
+        weight = self.run.system.new_weight.Get()
+        ratio = max(weight, self._factored) > WEIGHT_DRIFT * min(weight, self._factored)
+        return ratio or bool(self.iterations and self.iterations[-1] > SLOW)
+
+    def _renew(self) -> None:
+        self._factors.renew(self.run.system.state.vec)
+        self._factored = self.run.system.new_weight.Get()
+        self.factorisations += 1
+
+    def _preconditioned(self, values: Array) -> Array:
+        self._right.FV().NumPy()[:] = values
+        self._factors.solve_transposed(self._right, self._result)
+        return np.array(self._result.FV().NumPy())
+
+    def _scales(self) -> Array:
+        system = self.run.system
+        scales, found = system.block_scales(), np.ones(system.unknowns.size)
+        for name, part in system.unknowns.blocks.items():
+            if len(part):
+                found[part] = scales[name]
+        return found
+
+    def _find_followers(self) -> None:
+        """Find how the residual depends on numbers that follow the present state, on which it depends linearly."""
+        system, self._followers = self.run.system, []
+        for condition in system.conditions.values():
+            for parameter, slopes in condition.followers():
+                present, found = parameter.Get(), []
+                for factor in (1.0, 0.0):
+                    parameter.Set(factor * present)
+                    found.append(system.unknowns.arranged(system.apply()))
+                parameter.Set(present)
+                self._followers.append(((found[0] - found[1]) / present, slopes))
+
+    def _derivative(self, multipliers: Array) -> Array:
+        """Return the derivative of multipliers times residual by all unknowns."""
+        self.lagrangian.set_multipliers(multipliers)
+        found = self.lagrangian.by_state()
+        for by_number, slopes in self._followers:
+            found += (multipliers @ by_number) * slopes
+        return found
+
+    def _check(self, number: int, multipliers: Array, first: Array, second: Array) -> None:
+        """Compare the derivatives with differences of the residual, of a random change of state and histories.
+
+        Raises:
+            CaseError: they differ: something in the case depends on the state in a way of its own.
+        """
+        system, free, moment = self.run.system, self.run.free, self.run.moments[number]
+        change = PROBE * self._scales() * self._random.standard_normal(len(free)) * free
+        rate = moment.new
+        slope = self._pulled_back(self._derivative(multipliers))
+        parts = [slope * change, rate * first * change, rate**2 * second * change]
+        expected, size = sum(part.sum() for part in parts), sum(float(np.linalg.norm(part)) for part in parts)
+        products = []
+        for sign in (1, -1):
+            self.run.show(number)
+            system.values[:] += sign * change
+            system.velocity_history.vec.FV().NumPy()[:] += sign * rate * change
+            system.acceleration_history.vec.FV().NumPy()[:] += sign * rate**2 * change
+            products.append(multipliers @ np.asarray(system.residual().FV().NumPy()))
+        self.run.show(number)
+        difference = (products[0] - products[1]) / 2
+        if abs(difference - expected) > AGREEMENT * size:
+            raise CaseError(
+                f"at t = {moment.time:g} s something depends on the state in a way that a gradient does not know: "
+                f"its derivative is {expected:.6g} and differences of the residual are {difference:.6g}"
+            )
+
+
+def gradient_of(
+    case: Case, quantity: str, window: Window, parameters: Sequence[Parameter], say: Say = silent
+) -> Gradient:
+    """Return the gradient of a quantity of a run by parameters of its case.
+
+    Raises:
+        CaseError: what is asked for is not there, or not known to gradients.
+        MeshError, SolverError: as for a run.
+    """
+    check_supported(case)
+    domain = Domain.build(case.geometry)
+    with ng.TaskManager():
+        started = perf_counter()
+        run = StoredStates(case, domain, say, quantity)
+        forward = perf_counter() - started
+        found = Adjoint(run, quantity, window).gradient(parameters, say)
+    found.seconds = {"run": forward, **found.seconds}
+    return found

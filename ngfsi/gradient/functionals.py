@@ -1,0 +1,307 @@
+"""Measured quantities as functions of integrals over the state, which NGSolve differentiates.
+
+A quantity is one entry of `FUNCTIONALS`: integrands, and what is made of the integrals. It is named like its column of
+series.csv without the unit, and has its value (tests/gradient hold that).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from ngsolve import InnerProduct
+
+from ngfsi.arrays import Array
+from ngfsi.conditions.openings import through
+from ngfsi.errors import CaseError, unknown
+from ngfsi.measure.hole import Hole
+from ngfsi.measure.plane import PlaneSectionProbe
+from ngfsi.measure.sections import STATIONS, Sections
+from ngfsi.mesh.centreline import find_centrelines
+from ngfsi.mesh.geometry import Vessel
+from ngfsi.physics import terms
+from ngfsi.physics.fields import MOTION, PRESSURE, VELOCITY, Fields, Named
+from ngfsi.physics.integrals import Integral, rules
+from ngfsi.physics.kinematics import Kinematics
+from ngfsi.system.system import System
+
+SMALL = 1e-30
+"""Step of a derivative by a complex argument."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a quantity is measured: trial functions of the state and of the velocity's history stand for the fields."""
+
+    system: System
+    vessel: Any
+    motion: Any
+    fields: Fields | None
+
+    @property
+    def order(self) -> int:
+        """Order of integrals over the deformed blood, or its surface: of a polynomial of the motion."""
+        return 3 * max(self.system.unknowns.order, self.system.domain.geometry.curving_order) - 1
+
+    def inside(self, integrand: Any) -> Integral:
+        """Return an integral over the blood."""
+        return Integral([integrand], self.system.domain.dx(str(self.vessel.lumen), intrules=rules(self.order)))
+
+    def around(self, boundary: str, integrand: Any) -> Integral:
+        """Return an integral over a boundary of the blood, the normal `ng.specialcf.normal(3)` pointing out of it."""
+        bonus = self.system.unknowns.order
+        return through(self.system.domain, str(self.vessel.lumen), boundary, integrand, None, bonus)
+
+
+@dataclass(frozen=True)
+class Functional:
+    """A quantity.
+
+    Attributes:
+        unit: as the suffix of its column.
+        integrals: returns them at a place, by name: of the fields of blood and mesh, and of the law of the blood.
+        value: returns the quantity from a system and the values of the integrals, which may be complex.
+    """
+
+    unit: str
+    integrals: Callable[[Place], Mapping[str, Integral]]
+    value: Callable[[System, Any, Mapping[str, Any]], Any]
+
+
+def _volume(place: Place) -> dict[str, Integral]:
+    assert place.fields is not None
+    return {"volume": place.inside(Kinematics(place.fields.grad_motion).J)}
+
+
+def _shear(place: Place) -> dict[str, Integral]:
+    """Return the size of the wall shear stress, from the trace of the velocity's gradient, and the deformed area."""
+    f, wall = place.fields, place.vessel.interface
+    assert f is not None
+    k = Kinematics(f.grad_motion)
+    area = k.cof * ng.specialcf.normal(3)
+    size = ng.Norm(area)
+    shear = terms.tangential(terms.viscous_stress(place.system.blood, k, f.grad_velocity) * (area / size), area / size)
+    return {"shear": place.around(wall, ng.Norm(shear) * size), "size": place.around(wall, size)}
+
+
+def _at_opening(opening: str) -> Callable[[Place], dict[str, Integral]]:
+    def integrals(place: Place) -> dict[str, Integral]:
+        f, normal = place.fields, ng.specialcf.normal(3)
+        assert f is not None
+        k = Kinematics(f.grad_motion)
+        size, flux = ng.Norm(k.cof * normal), terms.relative_flux(k, f.relative, normal)
+        parts = {"pressure": f.pressure * size, "size": size, "flux": flux}
+        return {name: place.around(opening, part) for name, part in parts.items()}
+
+    return integrals
+
+
+def _pressure(system: System, vessel: Vessel, of: Mapping[str, Any]) -> Any:
+    return of["pressure"] / of["size"] + system.reference(vessel.name).Get()
+
+
+def _flow(sign: float, _system: System, _vessel: Vessel, of: Mapping[str, Any]) -> Any:
+    return sign * of["flux"]
+
+
+def _hole(place: Place) -> dict[str, Integral]:
+    """Return the volume of a hole between ends that stay in their planes, as `measure.hole` does."""
+    system, domain = place.system, place.system.domain
+    n = ng.CF(tuple(domain.mean_normal(domain.ends[0])))
+    across = ng.CF((ng.x, ng.y, ng.z)) + place.motion.Trace()
+    across = across - InnerProduct(across, n) * n
+    area = Kinematics(ng.Grad(place.motion).Trace()).cof * domain.outer_normal()
+    measure = domain.ds(place.vessel.interface, bonus_intorder=2 * system.unknowns.order)
+    return {"volume": Integral([-InnerProduct(across, area) / 2], measure)}
+
+
+def _of_volume(_system: System, _vessel: Vessel | None, of: Mapping[str, Any]) -> Any:
+    return of["volume"]
+
+
+FUNCTIONALS: dict[str, Functional] = {
+    "lumen_volume": Functional("m3", _volume, _of_volume),
+    "sawss": Functional("Pa", _shear, lambda _s, _v, of: of["shear"] / of["size"]),
+}
+
+
+def _enclosed(boundary: str) -> Callable[[Place], dict[str, Integral]]:
+    """Return the area inside of a closed boundary of a plane section, as `measure.plane` does."""
+
+    def integrals(place: Place) -> dict[str, Integral]:
+        domain, motion = place.system.domain, place.motion
+        face = ng.GridFunction(ng.FacetFESpace(domain.mesh, order=0))
+        face.Set(1, definedon=domain.boundaries(boundary))
+        flux = (ng.CF((ng.x, ng.y)) + motion) * (Kinematics(ng.Grad(motion)).cof * ng.specialcf.normal(2))
+        bonus = 2 * place.system.unknowns.order
+        measure = domain.dx(*domain.regions, element_boundary=True, bonus_intorder=bonus)
+        return {"area": Integral([face * flux / 2], measure)}
+
+    return integrals
+
+
+def _of_region(region: str) -> Callable[[Place], dict[str, Integral]]:
+    def integrals(place: Place) -> dict[str, Integral]:
+        J = Kinematics(ng.Grad(place.motion)).J
+        return {"area": Integral([J], place.system.domain.dx(region, intrules=rules(place.order)))}
+
+    return integrals
+
+
+def _area(_system: System, _vessel: Vessel | None, of: Mapping[str, Any]) -> Any:
+    return of["area"] if np.real(of["area"]) > 0 else -of["area"]
+
+
+def functionals_of(system: System) -> dict[str, tuple[Functional, Vessel | None]]:
+    """Return what integrals tell of a system, by the name of its column without the unit."""
+    found: dict[str, tuple[Functional, Vessel | None]] = {}
+    if system.domain.mesh.dim == 2:
+        if not system.domain.lumens:
+            plane = PlaneSectionProbe(system)
+            found |= {f"{name}_area": (Functional("m2", _enclosed(name), _area), None) for name in plane.outlines}
+            found |= {f"{name}_area": (Functional("m2", _of_region(name), _area), None)
+                      for name in system.domain.regions}  # fmt: skip
+        return found
+    holes = Hole.all_of(system)
+    for vessel in system.domain.vessels:
+        prefix = f"{vessel.name}_" if vessel.name else ""
+        if vessel.lumen is None:
+            if vessel.name in holes:
+                found[f"{prefix}lumen_volume"] = Functional("m3", _hole, _of_volume), vessel
+            continue
+        found |= {f"{prefix}{name}": (one, vessel) for name, one in FUNCTIONALS.items()}
+        for opening in vessel.openings:
+            found[f"pressure_{opening}"] = Functional("Pa", _at_opening(opening), _pressure), vessel
+        for name, openings, sign in (("flow_in", vessel.inlets, -1.0), ("flow_out", vessel.outlets, 1.0)):
+            if len(openings) == 1:
+                flow = Functional("m3_s", _at_opening(openings[0]), partial(_flow, sign))
+                found[f"{prefix}{name}"] = flow, vessel
+    return found
+
+
+class Measured(ABC):
+    """A quantity of a system's present state, with its derivatives.
+
+    Attributes:
+        unit: as the suffix of its column.
+    """
+
+    unit: str
+
+    @abstractmethod
+    def value(self) -> float:
+        """Return the quantity in the present state (SI)."""
+
+    @abstractmethod
+    def gradient(self) -> tuple[Array, Array]:
+        """Return its derivatives by all unknowns, and by the history of the velocity."""
+
+    @abstractmethod
+    def under(self, system: System) -> float:
+        """Return the quantity in the state of the last `value` or `gradient`, with the loads of another system."""
+
+
+def measured(system: System, name: str) -> Measured:
+    """Return a quantity of a system.
+
+    Raises:
+        CaseError: the model has no such quantity, or it cannot be differentiated.
+    """
+    known = functionals_of(system)
+    if name in known:
+        return OfIntegrals(system, *known[name])
+    areas: dict[str, tuple[Vessel, int]] = {}
+    if system.domain.mesh.dim == 3:
+        areas = {f"{v.name}_area_z{n:02d}".removeprefix("_"): (v, n)
+                 for v in system.domain.vessels if v.lumen and not v.branched for n in range(STATIONS)}  # fmt: skip
+    if name in areas:
+        return Area(system, *areas[name])
+    raise CaseError(f"--of: {unknown('quantity with a gradient', name, [*known, *areas])}")
+
+
+class OfIntegrals(Measured):
+    """A function of integrals over the state."""
+
+    def __init__(self, system: System, functional: Functional, vessel: Vessel | None) -> None:
+        self.system, self.functional, self.vessel, self.unit = system, functional, vessel, functional.unit
+        space = system.unknowns.space
+        self._both = ng.FESpace([*space.components, *space.components])
+        trial, names = self._both.TrialFunction(), system.unknowns.fields
+        state, history = (dict(zip(names, part, strict=True)) for part in (trial[: len(names)], trial[len(names) :]))
+        place = Place(system, vessel, state[MOTION], _fields(system, state, history))
+        self._forms = {name: self._form([one]) for name, one in functional.integrals(place).items()}
+        self._point = ng.GridFunction(self._both)
+        self._result = self._point.vec.CreateVector()
+        self._known: dict[str, float] = {}
+
+    def _form(self, integrals: Sequence[Integral]) -> ng.BilinearForm:
+        form = ng.BilinearForm(self._both, nonassemble=True, check_unused=False)
+        for integrands, measure in integrals:
+            for integrand in integrands:
+                form += ng.Variation(integrand.Compile() * measure)
+        return form
+
+    def _integrals(self) -> dict[str, float]:
+        values, half = self._point.vec.FV().NumPy(), self.system.unknowns.size
+        values[:half] = self.system.values
+        values[half:] = self.system.velocity_history.vec.FV().NumPy()
+        return {name: float(form.Energy(self._point.vec)) for name, form in self._forms.items()}
+
+    def value(self) -> float:
+        self._known = self._integrals()
+        return self.under(self.system)
+
+    def under(self, system: System) -> float:
+        return float(self.functional.value(system, self.vessel, self._known))
+
+    def gradient(self) -> tuple[Array, Array]:
+        self._known = self._integrals()
+        integrals, half = self._known, self.system.unknowns.size
+        found = np.zeros(2 * half)
+        for name, form in self._forms.items():
+            step = SMALL * abs(integrals[name] or 1.0)
+            slope = np.imag(
+                self.functional.value(self.system, self.vessel, integrals | {name: integrals[name] + 1j * step})
+            )
+            form.Apply(self._point.vec, self._result)
+            found += slope / step * np.asarray(self._result.FV().NumPy())
+        return found[:half], found[half:]
+
+
+class Area(Measured):
+    """The area of the lumen at a station: its outline moves in the plane with the wall, as of `Sections.area_rates`."""
+
+    unit = "m2"
+
+    def __init__(self, system: System, vessel: Vessel, station: int) -> None:
+        self._system = system
+        line = find_centrelines(system.domain, vessel)[0]
+        self._sections = Sections(system, vessel, line, line.stations(STATIONS)[[station]])
+
+    def value(self) -> float:
+        self._sections.refresh()
+        return self.under(self._system)
+
+    def under(self, _system: System) -> float:
+        return float(self._sections.areas[0])
+
+    def gradient(self) -> tuple[Array, Array]:
+        self._sections.refresh()
+        by_motion = self._sections.area_slopes(self._system.unknowns.space.components[0])
+        found = np.zeros((2, self._system.unknowns.size))
+        found[0, : len(by_motion)] = by_motion
+        return found[0], found[1]
+
+
+def _fields(system: System, state: Named, history: Named) -> Fields | None:
+    """Return the blood's fields of trial functions; None: there is no blood."""
+    if VELOCITY not in state:
+        return None
+    assert PRESSURE in state
+    # no quantity here is of accelerations, for which the history stands only to be there
+    return Fields.of(state, history, history, system.new_weight)

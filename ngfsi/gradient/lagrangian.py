@@ -1,0 +1,157 @@
+"""The weak form with given test functions, and its derivatives by all that it depends on.
+
+With multipliers in place of the test functions the weak form is one number, whose derivatives by the state and by the
+histories of the rates are the products of the transposed matrices with the multipliers. NGSolve differentiates the
+integrands that are there: laws and conditions have no code for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from ngsolve import GridFunction
+
+from ngfsi.arrays import Array
+from ngfsi.conditions.condition import Setup
+from ngfsi.physics.fields import MOTION
+from ngfsi.physics.integrals import Integral
+from ngfsi.system.system import System
+
+
+class Uncondensed(System):
+    """A system whose tangent has all unknowns, so that it can be transposed."""
+
+    condenses = False
+
+
+class Residual(System):
+    """A system without tangent: of a case with other constants, on the states of a run."""
+
+    def _tangent_form(self, _space: Any) -> None:
+        return None
+
+
+class Lagrangian(System):
+    """A system on whose residual multipliers act.
+
+    Attributes:
+        multipliers: of the rows of the form, as the test functions number them.
+    """
+
+    multipliers: GridFunction
+    _works: Sequence[Integral] = ()
+
+    def _setup(self, references: Mapping[str, Any]) -> Setup:
+        self._direction = self._test
+        self.multipliers = GridFunction(self.unknowns.space)
+        self._test = self.named(self.multipliers)
+        return replace(super()._setup(references), test=self._test)
+
+    def work_integrals(self, *given: Any, **more: Any) -> list[Integral]:
+        found = super().work_integrals(*given, **more)
+        self._works = [*self._works, *found]
+        return found
+
+    def _forms(self, space: Any) -> tuple[Any, Any]:
+        integrals = [*self.integrals(), *self.inertia_integrals(self._acceleration, self._test[MOTION])]
+        directions = list(self._direction.values())
+        self._by_state = gradient_form(space, integrals, list(self._trial.values()), directions, at_points=self._works)
+        self._by_histories = [
+            gradient_form(space, integrals, field.components, directions, numbers=len(self.unknowns.scales))
+            for field in (self.velocity_history, self.acceleration_history)
+        ]
+        motion = [self.relaxation], [self._direction[MOTION]]
+        self._by_relaxation = None if self.relaxation is None else gradient_form(space, self._works, *motion, numbers=0)
+        self._result = self.state.vec.CreateVector()
+        return None, None
+
+    def set_multipliers(self, values: Array) -> None:
+        """Take multipliers of the equations, each in the place of its unknown."""
+        given, (lessened, others) = values.copy(), self.unknowns.less
+        given[others] -= values[lessened]
+        self.multipliers.vec.FV().NumPy()[self.unknowns.equations] = given
+
+    def by_state(self) -> Array:
+        """Return the derivative of multipliers times residual by all unknowns."""
+        return self._applied(self._by_state)
+
+    def by_histories(self) -> tuple[Array, Array]:
+        """Return the derivatives by the histories of the velocity and of the acceleration."""
+        first, second = (self._applied(form) for form in self._by_histories)
+        return first, second
+
+    def by_relaxation(self) -> Array | None:
+        """Return the derivative by the displacement to the shape free of stress, in the places of the motion; None: the
+        given shape is free of stress."""
+        return None if self._by_relaxation is None else self._applied(self._by_relaxation)
+
+    def _applied(self, form: ng.BilinearForm) -> Array:
+        form.Apply(self.state.vec, self._result)
+        return np.array(self._result.FV().NumPy())
+
+
+def gradient_form(
+    space: Any, integrals: Sequence[Integral], variables: Sequence[Any], directions: Sequence[Any],
+    numbers: int | None = None, at_points: Sequence[Integral] = (),
+) -> ng.BilinearForm:  # fmt: skip
+    """Return a form that applies as the derivative of the integrals, which are numbers, by variables.
+
+    On boundaries NGSolve does not differentiate traces by symbols: it differentiates by trial functions at each point
+    there, and of grid functions only numbers count. No history but that of a number is in an integral on a boundary of
+    ngfsi's own; the check of `adjoint` tells if one is.
+
+    Args:
+        variables: trial functions of the space, or grid functions.
+        directions: test functions for each variable.
+        numbers: of grid functions, how many at the end are single numbers; None: the variables are trial functions.
+        at_points: integrals that NGSolve is to differentiate by trial functions at each point, as on boundaries: for
+            the stresses of solids, whose second derivatives fill pages, that takes a fifth of the time, and for the
+            blood, with more unknowns, up to six times as much.
+    """
+    form = ng.BilinearForm(space, nonassemble=True, check_unused=False)
+    with _by_symbols():
+        for one in integrals:
+            whole, measure = sum(one.integrands[1:], start=one.integrands[0]), one.measure
+            pairs = list(zip(variables, directions, strict=True))
+            boundary = on_boundary(space, measure)
+            if numbers is None and (boundary or any(one is other for other in at_points)):
+                form += ng.Variation(whole.Compile() * measure)
+                continue
+            if boundary and numbers is not None:
+                pairs = pairs[len(pairs) - numbers :]
+            change = sum((whole.Diff(variable, direction) for variable, direction in pairs), start=ng.CF(0))
+            if not is_zero(change):
+                form += change.Compile() * measure
+    return form
+
+
+def on_boundary(space: Any, measure: Any) -> bool:
+    """Whether test functions have to be traces under a measure."""
+    form, test = ng.BilinearForm(space, nonassemble=True, check_unused=False), space.TestFunction()
+    first = test[0] if isinstance(test, (list, tuple)) else test
+    try:
+        form += ng.Grad(first)[0, 0] * measure
+    except Exception:  # NGSolve's own: a trace is missing
+        return True
+    return False
+
+
+def is_zero(function: Any) -> bool:
+    """Whether a coefficient function is zero by its form."""
+    return str(function).startswith("ZeroCoefficientFunction")
+
+
+@contextmanager
+def _by_symbols() -> Any:
+    """Let NGSolve differentiate integrands by their test functions, as in `system.forms.residual_form`."""
+    usual = ng.ngsglobals.symbolic_integrator_uses_diff
+    ng.ngsglobals.symbolic_integrator_uses_diff = True
+    try:
+        yield
+    finally:
+        ng.ngsglobals.symbolic_integrator_uses_diff = usual

@@ -1,0 +1,263 @@
+"""Gradients by the adjoint: against central differences of whole runs, exact derivatives, and Taylor's second order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import ngsolve as ng
+import numpy as np
+import pytest
+
+from ngfsi.case import Case
+from ngfsi.cli import main
+from ngfsi.conditions import Condition, ConditionModel, ContactModel
+from ngfsi.conditions.openings import ResistanceOpening, WindkesselOpening
+from ngfsi.config.functions import FlowConstant, PressureConstant, PressureRamp, PressureTable
+from ngfsi.errors import CaseError
+from ngfsi.gradient import command
+from ngfsi.gradient.adjoint import Adjoint, Gradient, StoredStates, Window, gradient_of, same_mesh
+from ngfsi.gradient.functionals import functionals_of, measured
+from ngfsi.gradient.parameters import Parameter, changed, parameters_of
+from ngfsi.materials.fluid.carreau_yasuda import CarreauYasuda
+from ngfsi.materials.solid.viscosity import SolidViscosity
+from ngfsi.measure.probe import Probe
+from ngfsi.measure.quantities import columns
+from ngfsi.mesh.domain import Domain
+from ngfsi.physics.integrals import Integral
+from ngfsi.registry import register
+from ngfsi.solve.initial import silent
+from ngfsi.store.table import read_rows
+from tests.solve import test_rigid, test_statics
+from tests.vein import BONED, Array, case_of, domain_of
+
+RAMPED: dict[str, Any] = {
+    "loads.skin_pressure": PressureRamp(final=500.0, duration=0.1), "time.step": 0.1, "time.end": 0.2,
+}  # fmt: skip
+VEIN = case_of(BONED, **RAMPED)
+WINDKESSEL = WindkesselOpening(
+    resistance=1e8, compliance=1e-9, distal_resistance=2e8, distal_pressure=PressureConstant(value=1000.0)
+)
+
+
+def gradient(case: Case, quantity: str, window: Window, by: str, domain: Domain | None = None) -> Gradient:
+    """Return the gradient of a run in this process."""
+    run = StoredStates(case, domain or domain_of(case.geometry))
+    return Adjoint(run, quantity, window).gradient(parameters_of(case, by.split(",")))
+
+
+def value(case: Case, quantity: str, window: Window) -> float:
+    """Return the quantity of a run."""
+    run = StoredStates(case, domain_of(case.geometry))
+    what, values = measured(run.system, quantity), []
+    for number in run.accepted:
+        run.show(number)
+        values.append(what.value())
+    return window.weights(run.times, np.array(values))[0]
+
+
+def moved(case: Case, parameters: Sequence[Parameter], changes: Sequence[float] | Array) -> Case:
+    """Return a case with parameters changed by as much (SI)."""
+    for one, change in zip(parameters, changes, strict=True):
+        case = changed(case, one.path, one.value + change)
+    return case
+
+
+def even_changes(found: Gradient) -> Array:
+    """Return changes of all parameters each of which counts as much, a millionth of the quantity, if it can without
+    being large."""
+    most = np.array([30 * one.step for one in found.parameters])
+    slopes = np.array([found.derivatives[one.name] for one in found.parameters])
+    return np.asarray(np.sign(slopes) * np.minimum(most, 1e-6 * abs(found.value) / np.maximum(np.abs(slopes), 1e-300)))
+
+
+VALVE = ResistanceOpening(resistance=1e8, distal_pressure=PressureConstant(value=1700.0), valve_leakage=1e-2)
+
+
+CASES: dict[str, tuple[Case, str, Window, str]] = {
+    "coupled": (VEIN.replace(**{"materials.tissue.viscosity": SolidViscosity(kelvin_voigt=300.0)}), "sawss",
+                Window("mean", 0.1, 0.2), "materials,loads"),
+    "windkessel": (VEIN.replace(**{"loads.openings": {"outlet": WINDKESSEL}}), "pressure_outlet", Window("mean"),
+                   "loads.openings.outlet,loads.inlet_flow.value,materials.wall.young"),
+    "table and valve": (
+        VEIN.replace(**{
+            "loads.skin_pressure": PressureTable(times=(0.0, 0.1, 0.2), values=(100.0, 300.0, 400.0)),
+            "loads.openings": {"inlet": VALVE},
+        }), "lumen_volume", Window("loss"), "loads.skin_pressure,loads.openings.inlet.resistance",
+    ),
+    "prestress, backflow": (
+        VEIN.replace(**{"conditions.initial_state": "prestress", "loads.inlet_flow": FlowConstant(value=-1e-6),
+                        "time.end": 0.1}),
+        "lumen_volume", Window("end"),
+        "materials.tissue.young,materials.wall.poisson,loads.outlet_pressure,loads.skin_pressure.final",
+    ),
+    "stages": (VEIN.replace(**{"time.scheme": "esdirk3"}), "area_z05", Window("end"), "materials,loads"),
+    "thinning, contact": (
+        VEIN.replace(**{
+            "materials.fluid": CarreauYasuda(density=1060.0, viscosity_at_rest=0.056, viscosity_at_high_shear=3.5e-3,
+                                             time_constant=3.3, n=0.36),
+            "conditions.contact": ContactModel(), "time.end": 0.1, "time.scheme": "static",
+        }), "sawss", Window("mean"), "materials.fluid,materials.wall.young",
+    ),
+    "plane": (test_statics.case_of("tibia", skin=500.0).replace(**{"time.step": 0.1, "time.end": 0.2}), "skin_area",
+              Window("mean"), "materials,loads.skin_pressure"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_gradient_is_that_of_whole_runs(name: str) -> None:
+    """Central differences along a direction in which each parameter counts as much, to 1e-6."""
+    case, quantity, window, by = CASES[name]
+    found = gradient(case, quantity, window, by)
+    changes = even_changes(found)
+    expected = sum(found.derivatives[one.name] * change for one, change in zip(found.parameters, changes, strict=True))
+    ends = [value(moved(case, found.parameters, sign * changes), quantity, window) for sign in (1, -1)]
+    assert (ends[0] - ends[1]) / 2 == pytest.approx(expected, rel=1e-6)
+
+
+def test_remainder_of_taylors_series_is_of_second_order() -> None:
+    """Along one direction of law and load, to which the area answers nonlinearly."""
+    case, quantity, window, by = CASES["plane"]
+    found = gradient(case, quantity, window, by)
+    way = np.array([0.05 * one.value for one in found.parameters])
+    slope = sum(found.derivatives[one.name] * change for one, change in zip(found.parameters, way, strict=True))
+    left = [value(moved(case, found.parameters, part * way), quantity, window) - found.value - part * slope
+            for part in (1.0, 0.5, 0.25)]  # fmt: skip
+    orders = np.log2(np.abs(np.array(left[:-1]) / left[1:]))
+    assert orders == pytest.approx(2.0, abs=0.1)
+    assert abs(left[0]) > 1e-3 * abs(slope)
+
+
+def test_wall_shear_of_a_pipe() -> None:
+    """4 mu Q / (pi R^3): one percent more for one of viscosity or flow, three less for one of the radius."""
+    case = test_rigid.case_of(test_rigid.vein(2e-3, 2e-3, layers=2), FlowConstant(value=1e-7))
+    found = gradient(case, "sawss", Window(), "materials.fluid.viscosity,loads.inlet_flow")
+    shares = found.elasticities()
+    assert found.value == pytest.approx(test_rigid.POISEUILLE, rel=1e-2)
+    assert shares["materials.fluid.viscosity"] == pytest.approx(1.0, rel=1e-4)
+    assert shares["loads.inlet_flow.value"] == pytest.approx(1.0, rel=1e-4)
+
+
+def test_ring_under_pressure() -> None:
+    """Lame's displacement of the skin by Young's modulus, Poisson ratio and pressure (test_statics, plane strain)."""
+    inner, outer, p, law = test_statics.INNER, test_statics.OUTER, 2e3, test_statics.LAW
+
+    def area(young: float, poisson: float, pressure: float) -> float:
+        mu, lame = young / 2 / (1 + poisson), young * poisson / (1 + poisson) / (1 - 2 * poisson)
+        A = -pressure / (2 * (lame + mu) + 2 * mu * (inner / outer) ** 2)
+        return float(np.pi * (outer + A * outer - A * inner**2 / outer) ** 2)
+
+    case = test_statics.case_of("tibia", skin=p, strain="small").replace(**{"time.scheme": "static"})
+    by = ("materials.tissue.young", "materials.tissue.poisson", "loads.skin_pressure.value")
+    found = gradient(case, "skin_area", Window(), ",".join(by))
+    point = np.array([law.young, law.poisson, p])
+    for number, name in enumerate(by):
+        step = 1e-5 * point * (np.arange(3) == number)
+        exact = (area(*point + step) - area(*point - step)) / (2 * step[number])
+        assert found.derivatives[name] == pytest.approx(exact, rel=1e-4), name
+
+
+def test_shape_of_a_tube() -> None:
+    """By a number of the geometry whose mesh keeps its elements."""
+    case = case_of(BONED, **RAMPED, **{"time.scheme": "static"})
+    found = gradient(case, "lumen_volume", Window(), "geometry.length")
+    ends = [value(changed(case, ("geometry", "length"), (1 + sign * 1e-3) * BONED.length), "lumen_volume", Window())
+            for sign in (1, -1)]  # fmt: skip
+    assert found.derivatives["geometry.length"] == pytest.approx((ends[0] - ends[1]) / 2e-3 / BONED.length, rel=1e-6)
+    with pytest.raises(CaseError, match="the mesh is another one"):
+        same_mesh(case.replace(**{"geometry.mesh.far_size": 9e-3}), domain_of(BONED), "geometry.mesh.far_size")
+
+
+def test_quantities_are_those_of_the_columns() -> None:
+    """Whatever has a gradient has the value of its column in series.csv."""
+    for case in (VEIN, CASES["plane"][0]):
+        run = StoredStates(case.replace(**{"time.end": 0.1}), domain_of(case.geometry))
+        run.show(1)
+        probe = Probe(run.system)
+        probe.refresh()
+        measures = columns(probe)
+        names = [*functionals_of(run.system), *(("area_z00", "area_z05") if case is VEIN else ())]
+        assert len(names) >= 2
+        for name in names:
+            what = measured(run.system, name)
+            assert what.value() == pytest.approx(measures[f"{name}_{what.unit}"](), rel=2e-5), name
+
+
+class HiddenSpring(Condition):
+    """Springs on the skin whose stiffness follows the state without being an unknown."""
+
+    name = "springs"
+
+    def __init__(self) -> None:
+        self._stiffness = ng.Parameter(0.0)
+
+    def prescribe(self, values: Array) -> None:
+        self._stiffness.Set(1e9 * float(np.abs(values[: len(values) // 8]).sum()))
+
+    def static_integrals(self, m: Any, v: Any) -> list[Integral]:
+        work = self._stiffness * ng.InnerProduct(m.Trace(), v.Trace())
+        return [Integral([work], self._setup.domain.ds("skin"))]
+
+
+@register("ngfsi.conditions", "hidden_springs")
+class HiddenSprings(ConditionModel):
+    kind: Literal["hidden_springs"] = "hidden_springs"
+
+    def condition(self, _domain: Domain, _name: str) -> Condition:
+        return HiddenSpring()
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str, str, str]] = {
+    "an unknown dependence": ({"loads.further": (HiddenSprings(),)}, "lumen_volume", "materials",
+                              "something depends on the state in a way that a gradient does not know"),
+    "one way": ({"conditions.coupling": "one_way"}, "lumen_volume", "materials", "use conditions.coupling"),
+    "memory": ({"materials.tissue.viscosity": SolidViscosity(moduli=(1e3,), times=(0.1,))}, "lumen_volume", "materials",
+               "internal variables of the solid 'tissue'"),
+    "free steps": ({"time.scheme": "sdirk4", "time.error_tolerance": 1e-3}, "lumen_volume", "materials",
+                   "leave time.error_tolerance out"),
+    "solver": ({"solver.linear": "p_multigrid"}, "lumen_volume", "materials", "use 'auto'"),
+    "quantity": ({}, "wss_max", "materials", "'wss_max' is not a known quantity with a gradient"),
+    "a time": ({}, "lumen_volume", "loads.skin_pressure.duration", "there is no number"),
+    "no parameter": ({}, "lumen_volume", "solver.tolerance", "'solver' is not a known part"),
+    "no key": ({}, "lumen_volume", "materials.tissue.E", "'E' is not a known key"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_not_known_is_refused(name: str) -> None:
+    changes, quantity, by, sentence = REFUSED[name]
+    case = VEIN.replace(**changes, **{"time.end": 0.1})
+    with pytest.raises(CaseError, match=re.escape(sentence)):
+        gradient_of(case, quantity, Window(), parameters_of(case, [by]))
+
+
+def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Sorted by what counts most, in the terminal and in a file, with a chart."""
+    (tmp_path / "case.toml").write_text(VEIN.to_toml())
+    arguments = ["gradient", str(tmp_path / "case.toml"), "--of", "sawss_mean", "--window", "0.1,0.2", "--quiet",
+                 "--by", "materials.wall,loads.inlet_flow", "-o", str(tmp_path / "out")]  # fmt: skip
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert not ended.value.code
+    rows = read_rows(tmp_path / "out" / "gradient.csv")
+    assert {row["parameter"] for row in rows[1:]} == {
+        f"materials.wall.{name}" for name in ("young", "poisson", "density")
+    }
+    assert rows[0]["parameter"] == "loads.inlet_flow.value"
+    sizes = [abs(float(row["elasticity"])) for row in rows]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[0] == pytest.approx(0.9780, abs=2e-3)
+    shown = capsys.readouterr().out
+    assert "sawss_mean = 0.0" in shown
+    assert shown.index("loads.inlet_flow.value") < shown.index("materials.wall.young")
+    assert (tmp_path / "out" / "gradient.png").stat().st_size > 1000
+    assert command.wanted("lumen_volume_loss") == ("lumen_volume", "loss")
+    assert command.wanted("area_z05") == ("area_z05", "end")
+
+
+@pytest.mark.parametrize(("window", "sentence"), [("1", "two times in seconds"), ("7,8", "no step of the run")])
+def test_windows_that_are_none(window: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match=sentence):
+        command.gradient(CASES["plane"][0], "skin_area_mean", "materials", window, tmp_path / "out", silent)
