@@ -13,6 +13,7 @@ from ngfsi_studies.closing_vein import (
     BASE,
     LEVELS,
     POINTS,
+    RATIO,
     Designed,
     Result,
     case,
@@ -20,7 +21,9 @@ from ngfsi_studies.closing_vein import (
     pressure_of_closure,
     steady_ratio,
 )
+from ngfsi_studies.source import tables
 from ngfsi_studies.source_page import DOCS, stored
+from ngfsi_studies.tissue_report import ROUND
 
 from ngfsi.units import MMHG
 
@@ -105,6 +108,15 @@ def test_the_stored_report_is_that_of_the_stored_numbers() -> None:
     text = (DOCS / "closing_vein" / "report.md").read_text(encoding="utf-8")
     for part in (closing_vein.answer, closing_vein.table, closing_vein.comparison):
         assert part(results) in text
+
+
+def test_the_page_of_the_round_vein_says_what_the_oval_one_loses() -> None:
+    oval = next(row for row in stored("closing_vein/results.csv") if row["key"] == BASE)
+    measured = tables("compare_tissues")["volume_reduction_percent"]["measured"]
+    assert f"it lost {measured:g} %" in ROUND
+    assert f"{RATIO:g} : 1, in M tissue loses {100 * oval['loss_1']:.0f} %" in ROUND
+    for level in ("paper", "demo"):
+        assert ROUND in (DOCS / level / "report.md").read_text(encoding="utf-8")
 
 
 def test_all_factors_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -147,7 +147,9 @@ POINTS = {
     ),
     "order": Point("3.2 : 1, one order more", numerical=True),
     "halved": Point("3.2 : 1, half of the step", numerical=True),
-    "gap": Point("3.2 : 1, half of the residual gap", {"conditions.contact.residual_gap": 0.01}, numerical=True),
+    "gap": Point(
+        "3.2 : 1, half of the residual gap", {"conditions.contact.residual_gap": 0.01}, closes=60, numerical=True
+    ),
 }
 
 
@@ -388,6 +390,13 @@ def answer(results: Mapping[str, Result]) -> str:
         said.append(
             f"- **Other factors**, one at a time around the oval vein, give losses from {100 * least.loss_1:.0f} % "
             f"({POINTS[least.key].title}) to {100 * most.loss_1:.0f} % ({POINTS[most.key].title})."
+        )
+    if {"tapering", "stocking", "reversed"} <= results.keys():
+        even, worn, reverse = (100 * results[key].loss_1 for key in ("tapering", "stocking", "reversed"))
+        said.append(
+            f"- **By girth**: on a calf that tapers, 25 mmHg everywhere take {even:.1f} %, a stocking of even tension "
+            f"and the same mean pressure, which presses more where the calf is thinner, {worn:.1f} %, and one of "
+            f"reversed gradient {reverse:.1f} %."
         )
     closed = [one for one in results.values() if np.isfinite(one.closed_Pa)]
     if closed:

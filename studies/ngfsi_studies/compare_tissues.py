@@ -142,6 +142,7 @@ def _text(
         (
             f"# M against N tissue: a deep vein under 25 mmHg, level `{level}`\n",
             report.headline(rows, claimed, dict(zip("MN", MAIN, strict=True))),
+            report.ROUND,
             report.results_table(rows, missing),
             *filter(None, [report.notes(findings.values(), missing)]),
             report.ABBREVIATIONS + "\n",
