@@ -97,7 +97,7 @@ class Scalars:
         volumes = {name: size * flow.through[there] for name, there in self.cells.openings.items()}
         back = {name: -float(np.minimum(each, 0).sum()) for name, each in volumes.items()}
         out = {name: float(np.maximum(each, 0).sum()) for name, each in volumes.items()}
-        left = [{name: self._amount(one, name) for name in self.cells.lumens} for one in moving]
+        left = [{name: self._amount(one, name, old) for name in self.cells.lumens} for one in moving]
         going = []
         for one in moving:
             before, after = one.model.source(old), one.model.source(new)
@@ -135,9 +135,11 @@ class Scalars:
 
     # ---------------------------------------------------------------- what is measured
 
-    def _amount(self, one: Carried, lumen: str) -> float:
-        assert self.blood is not None
-        return self._scheme.amount(self.blood.flow.volumes, one.values, lumen)
+    def _amount(self, one: Carried, lumen: str, blood: BloodState | None = None) -> float:
+        """Return the amount in a lumen, in the last state of the blood or another one."""
+        blood = blood or self.blood
+        assert blood is not None
+        return self._scheme.amount(blood.flow.volumes, one.values, lumen)
 
     def columns(self) -> dict[str, Callable[[], float]]:
         """Return what measures the columns of series.csv."""
