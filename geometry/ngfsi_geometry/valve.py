@@ -72,14 +72,12 @@ class ValvePocket(ConfigModel):
         """The radius, m."""
         return self.radius
 
-    def pocket(self, side: int = 1) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return opposite corners [m] of a box around what lies behind a leaflet, up to its free edge.
-
-        Args:
-            side: 1 or -1, of y.
-        """
-        wide = 2 * self.radius * (1 + self.bulge)
-        return (-wide, side * self.opening / 2, self.upstream), (wide, side * wide, self.upstream + self.leaflet_length)
+    def pocket(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return opposite corners [m] of a box in the pocket at +y, behind the outer half of the leaflet; it reaches
+        through the wall."""
+        wide, begin = 2 * self.radius * (1 + self.bulge), self.leaflet_length / 2
+        leaflet = (self.radius + self.opening / 2) / 2 + 1.5 * self.thickness
+        return (-wide, leaflet, self.upstream + begin), (wide, wide, self.upstream + self.leaflet_length)
 
     def wall_radius(self, z: Any) -> Any:
         """Return the radius of the wall [m] at z [m]."""

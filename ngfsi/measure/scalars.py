@@ -104,7 +104,7 @@ class Scalars:
             source = [(a + b) / 2 for a, b in zip(before, after, strict=True)]
             entering = {name: there.entering(back[name], middle) for name, there in one.returning.items()}
             bounds = partial(_bounds, one.model, old.time, new.time)
-            going.append(Transported(one.values, source, entering, bounds))
+            going.append(Transported(one.values, source, entering, bounds, one.model.diffusivity))
         self.substeps = self._scheme.step(size, old.flow, new.flow, flow, going)
         for one, scalar, amounts in zip(moving, going, left, strict=True):
             one.values = scalar.values
@@ -131,7 +131,8 @@ class Scalars:
                 for k, name in enumerate(SAMPLED)}  # fmt: skip
 
     def _state(self, time: float, fields: dict[str, list[Array]]) -> BloodState:
-        return BloodState(self.cells, self.system.blood, time, fields)
+        diffusive = any(model.diffusivity for model in self.system.case.scalars)
+        return BloodState(self.cells, self.system.blood, time, fields, diffusive=diffusive)
 
     # ---------------------------------------------------------------- what is measured
 

@@ -54,7 +54,7 @@ def along_the_wall(system: System, mean: float) -> Array:
 
 def speed_in_the_pocket(system: System, mean: float) -> float:
     """Return the mean speed in both pockets over that in the vein."""
-    (_, low, start), (_, _, end) = VALVE.pocket()
+    low, start, end = VALVE.opening / 2, VALVE.upstream, VALVE.upstream + VALVE.leaflet_length
     inside = ng.IfPos(ng.sqrt(ng.y**2) - low, 1, 0) * ng.IfPos(ng.z - start, 1, 0) * ng.IfPos(end - ng.z, 1, 0)
     # of the leaflet's line, behind which the pocket lies
     behind = ng.IfPos(
