@@ -123,27 +123,27 @@ def valve_case(reynolds: float, level: Level) -> Case:
     ).replace(**{"output.fields_every": 0})  # fmt: skip
 
 
-def over_cycle(run: StoredRun, column: str) -> float:
-    """Return the mean of a column over the last period of breathing, which is in every cycle of the pump, too."""
+def over(run: StoredRun, column: str, span: float) -> float:
+    """Return the mean of a column over the last time (s) of a run."""
     times, values = run.series["time_s"], run.series[column]
-    last = times >= times[-1] - CYCLE - 1e-9
+    last = times >= times[-1] - span - 1e-9
     return float(np.trapezoid(values[last], times[last]) / np.ptp(times[last]))
 
 
 COLUMNS: dict[str, Callable[[StoredRun], float]] = {
-    "age_s": lambda run: float(run.series["age_mean_s"][-1]),
+    "age_s": lambda run: over(run, "age_mean_s", PERIOD),
     "oldest_outflow_s": lambda run: float(np.nanmax(run.series["age_outlet_s"])),
     "left_1": lambda run: float(run.series["washout_left_1"][-1]),
     "washout_s": lambda run: float(run.series["washout_time_s"][-1]),
-    "low_shear_1": lambda run: over_cycle(run, "wss_low_area_1"),
-    "sawss_Pa": lambda run: over_cycle(run, "sawss_Pa"),
+    "low_shear_1": lambda run: over(run, "wss_low_area_1", CYCLE),
+    "sawss_Pa": lambda run: over(run, "sawss_Pa", CYCLE),
     "exposure_1": lambda run: float(run.series["exposure_mean_1"][-1]),
 }
-"""Of each run: mean age of the blood in the end; largest mean age of what leaves; part of the blood of the start that
-is left; when 90 % of it had left; area of low wall shear (below 0.1 Pa) and SAWSS, means over the last cycle; mean
-exposure of platelets tau t^0.452 in the end."""
+"""Of each run: mean age of the blood over the last breath; largest mean age of what leaves; part of the blood of the
+start that is left; when 90 % of it had left; area of low wall shear (below 0.1 Pa) and SAWSS, means over the last
+cycle; mean exposure of platelets tau t^0.452 in the end."""
 SHOWN = {
-    "age_s": ("mean age in the end", "s"), "oldest_outflow_s": ("oldest outflow", "s"),
+    "age_s": ("mean age", "s"), "oldest_outflow_s": ("oldest outflow", "s"),
     "left_1": ("blood of the start", "percent"), "washout_s": ("90 % of it gone at", "s"),
     "low_shear_1": ("wall below 0.1 Pa", "percent"), "sawss_Pa": ("SAWSS", "Pa"),
     "exposure_1": ("exposure Pa s^0.452", "1"),
@@ -170,7 +170,8 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
         "behind resistance, compliance and valve, as in `pneumatic`. Age counts from the start of the run where the "
         f"blood has not entered since, so that it is at most {chosen.end:g} s. Breathing: a given flow of the same "
         f"mean and {REVERSING:g} times that as amplitude, period {PERIOD:g} s; what it takes back through the inlet "
-        "comes in again, so much older. Means over time are over the last 12 s.\n",
+        "comes in again, so much older. The mean age is one over the last 6 s, low shear and SAWSS are over the last "
+        "12 s.\n",
         "## Behind the leaflets of a valve\n", *_draw_pockets({key: done[key] for key in pockets}, folder),
         pocket_table(pockets),
         "Rigid, steady flow; leaflets open by 55 % of the diameter. What is marked lies behind the outer half of one "
@@ -213,7 +214,7 @@ def answer(results: dict[str, dict[str, float]], pockets: dict[str, dict[str, fl
     for key, one in pockets.items():
         said.append(f"- Behind a leaflet at Reynolds number {key.removeprefix('valve_')}: after "
                     f"{in_unit(one['transit_s'], 's', '.3g')}, in which the vein's volume flows through once, "
-                    f"{in_unit(one['left_after_one_1'], 'percent', '.3g')} of the blood is still there.")  # fmt: skip
+                    f"{in_unit(one['left_after_one_1'], 'percent', '.4g')} of the blood is still there.")  # fmt: skip
     return "\n".join(said or ["All runs failed."]) + "\n"
 
 
@@ -232,7 +233,7 @@ def _titles(key: str) -> tuple[str, str]:
 
 def pocket_table(pockets: dict[str, dict[str, float]]) -> str:
     """Return the valves."""
-    cells = [(key.removeprefix("valve_"), *(f"{value:.3g}" for value in (
+    cells = [(key.removeprefix("valve_"), *(f"{value:.4g}" for value in (
         one["transit_s"], 100 * one["left_after_one_1"], one["transits_1"], 100 * one["left_1"])))
         for key, one in pockets.items()]  # fmt: skip
     return markdown_table(("Reynolds number", "mean transit [s]", "left in the pocket after one [%]", "transits",
@@ -249,7 +250,7 @@ def _draw(veins: dict[str, StoredRun], folder: Path) -> list[str]:
     """Draw the courses in time and return the lines of the report that show them."""
     found = []
     for column, (name, unit) in CURVES.items() if veins else ():
-        drawn = [Line(", ".join(_titles(key)), run.series["time_s"], run.series[column], "-")
+        drawn = [Line(key.removesuffix("_constant").replace("_", ", "), run.series["time_s"], run.series[column], "-")
                  for key, run in veins.items()]  # fmt: skip
         file = f"{column.rsplit('_', 1)[0]}.png"
         lines({name: drawn}, (TIME, Shown(name, unit)), folder / file)
