@@ -59,6 +59,8 @@ UNITS: dict[str, Unit] = {
     "cm_s": Unit("velocity", 1e-2),
     "mm_s": Unit("velocity", 1e-3),
     "m_s2": Unit("acceleration", 1.0),
+    "m2_s": Unit("diffusivity", 1.0),
+    "mm2_s": Unit("diffusivity", 1e-6),
     "m3_s": Unit("flow_rate", 1.0),
     "ml_s": Unit("flow_rate", 1e-6),
     "ml_min": Unit("flow_rate", 1e-6 / 60),
@@ -104,6 +106,7 @@ Volume = Annotated[float, Dimension("volume")]
 Time = Annotated[float, Dimension("time")]
 Velocity = Annotated[float, Dimension("velocity")]
 Acceleration = Annotated[float, Dimension("acceleration")]
+Diffusivity = Annotated[float, Dimension("diffusivity")]
 FlowRate = Annotated[float, Dimension("flow_rate")]
 Pressure = Annotated[float, Dimension("pressure")]
 Tension = Annotated[float, Dimension("tension")]

@@ -36,6 +36,7 @@ def test_the_flow_at_rest_is_that_of_the_vein(key: str) -> None:
     drop = inlet.distal_pressure(0.0) - chosen.loads.outlet_pressure(0.0)
     assert drop / (inlet.resistance + inlet.distal_resistance) == pytest.approx(2.913e-6, rel=1e-12)
     assert inlet.resistance / inlet.distal_resistance == pytest.approx(1 / 9, rel=1e-12)
+    assert [(one.kind, one.start) for one in chosen.scalars] == [("washout", 0.0)]
     full = max(t for cuff in chosen.loads.cuffs for t in cuff.pressure.breakpoints)
     assert chosen.time.end == pytest.approx(full + 1.0, rel=1e-12)
 
@@ -47,22 +48,20 @@ def test_what_a_device_does() -> None:
         "area_z10_m2": 1e-5 * np.array([10, 10, 5, 4, 2, 2.0]),
         "lumen_volume_m3": 1e-6 * np.array([8, 8, 8, 4, 3, 2.0]),
         "pressure_stored_inlet_Pa": np.array([1500, 1600, 1800, 1900, 2000, 1700.0]),
+        "washout_time_s": np.array([np.nan, np.nan, np.nan, 1.5, 1.5, 1.5]),
+        "washout_left_1": np.array([1.0, 0.9, 0.9, 0.3, 0.25, 0.2]),
     }  # fmt: skip
     run: Any = SimpleNamespace(series=series, wall_history=lambda: {"TAWSS_Pa": np.array([0.3, 0.1, 0.2])})
     found = {name: of(run) for name, of in COLUMNS.items()}
     assert found == pytest.approx({
-        "peak_velocity_m_s": 0.125, "augmentation_1": 12.5, "ejected_m3": 4e-6, "left_1": 0.25, "washout_s": 4.0,
-        "least_tawss_Pa": 0.1, "upstream_rise_Pa": 500.0,
+        "peak_velocity_m_s": 0.125, "augmentation_1": 12.5, "ejected_m3": 4e-6, "left_1": 0.25, "washout_s": 1.5,
+        "marked_1": 0.2, "least_tawss_Pa": 0.1, "upstream_rise_Pa": 500.0,
     }, rel=1e-9)  # fmt: skip
-    series["lumen_volume_m3"][0] = 6.5e-6
-    assert pneumatic.washout(run) == pytest.approx(2.5, rel=1e-9)
-    series["lumen_volume_m3"][0] = 9e-6
-    assert np.isnan(pneumatic.washout(run))
     rows = pneumatic.table({"strong": found}).splitlines()
     assert [cell.strip() for cell in rows[0].strip("|").split("|")][1:4] == [
         "peak velocity [mm/s]", "over that at rest [1]", "ejected [ml]"
     ]  # fmt: skip
     assert [cell.strip() for cell in rows[2].strip("|").split("|")] == [
-        "80 mmHg in 0.5 s", "125", "12.5", "4", "25", "4", "0.1", "3.75"
+        "80 mmHg in 0.5 s", "125", "12.5", "4", "25", "1.5", "20", "0.1", "3.75"
     ]  # fmt: skip
     assert "80 mmHg in 0.5 s moves the blood fastest: 125 mm/s" in pneumatic.answer({"strong": found})

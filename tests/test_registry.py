@@ -118,7 +118,8 @@ def test_a_file_is_taken_from_the_command_line_alone(
     assert code == 2
     assert "'my_vein' is not a known geometry: " in said
     assert (
-        "tube, vessel_from_surface, and what a Python file registers that --plugin names (and 1 more)" in said
+        "tube, valve_pocket, vessel_from_surface, and what a Python file registers that --plugin names (and 1 more)"
+        in said
     )  # its law is the other
     assert "plugin_my_vein" not in sys.modules
     assert ngfsi_("run", "case.toml", "--quiet", "--plugin", "my_vein.py") == (0, "")

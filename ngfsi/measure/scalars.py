@@ -97,14 +97,14 @@ class Scalars:
         volumes = {name: size * flow.through[there] for name, there in self.cells.openings.items()}
         back = {name: -float(np.minimum(each, 0).sum()) for name, each in volumes.items()}
         out = {name: float(np.maximum(each, 0).sum()) for name, each in volumes.items()}
-        left = [{name: self._amount(one, name) for name in self.cells.lumens} for one in moving]
+        left = [{name: self._amount(one, name, old) for name in self.cells.lumens} for one in moving]
         going = []
         for one in moving:
             before, after = one.model.source(old), one.model.source(new)
             source = [(a + b) / 2 for a, b in zip(before, after, strict=True)]
             entering = {name: there.entering(back[name], middle) for name, there in one.returning.items()}
             bounds = partial(_bounds, one.model, old.time, new.time)
-            going.append(Transported(one.values, source, entering, bounds))
+            going.append(Transported(one.values, source, entering, bounds, one.model.diffusivity))
         self.substeps = self._scheme.step(size, old.flow, new.flow, flow, going)
         for one, scalar, amounts in zip(moving, going, left, strict=True):
             one.values = scalar.values
@@ -131,13 +131,16 @@ class Scalars:
                 for k, name in enumerate(SAMPLED)}  # fmt: skip
 
     def _state(self, time: float, fields: dict[str, list[Array]]) -> BloodState:
-        return BloodState(self.cells, self.system.blood, time, fields)
+        diffusive = any(model.diffusivity for model in self.system.case.scalars)
+        return BloodState(self.cells, self.system.blood, time, fields, diffusive=diffusive)
 
     # ---------------------------------------------------------------- what is measured
 
-    def _amount(self, one: Carried, lumen: str) -> float:
-        assert self.blood is not None
-        return self._scheme.amount(self.blood.flow.volumes, one.values, lumen)
+    def _amount(self, one: Carried, lumen: str, blood: BloodState | None = None) -> float:
+        """Return the amount in a lumen, in the last state of the blood or another one."""
+        blood = blood or self.blood
+        assert blood is not None
+        return self._scheme.amount(blood.flow.volumes, one.values, lumen)
 
     def columns(self) -> dict[str, Callable[[], float]]:
         """Return what measures the columns of series.csv."""

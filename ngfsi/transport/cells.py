@@ -165,16 +165,25 @@ class Flow:
         volumes: by block (c, q), what each point weighs in integrals over the deformed cell.
         fluxes: by block (3, c, q), flux by the coordinates of the reference element, times the weights there.
         through: (points,) flux out of the cell at each point on its faces, times its weight: opposite on both sides.
+        metrics: by block (c, q, 3, 3), J G^-1 G^-T times the weights: what makes the flux of diffusion of a gradient by
+            the coordinates of the reference element; None: not asked for.
+        normal_metrics: by block (c, f, 3), its part through faces, times the weights there.
     """
 
     volumes: list[Array]
     fluxes: list[Array]
     through: Array
+    metrics: list[Array] | None = None
+    normal_metrics: list[Array] | None = None
 
     @classmethod
-    def of(cls, cells: Cells, motion: Sequence[Array], velocity: Sequence[Array]) -> Flow:
+    def of(
+        cls, cells: Cells, motion: Sequence[Array], velocity: Sequence[Array], *, diffusive: bool = False
+    ) -> Flow:  # fmt: skip
         """Return the flow of a relative velocity (m/s) on the moved cells, both by their coefficients."""
         volumes, fluxes, through = [], [], np.zeros(len(cells.cell))
+        metrics: list[Array] = []
+        normal_metrics: list[Array] = []
         for block, m, w in zip(cells.blocks, motion, velocity, strict=True):
             e = block.element
             cof, determinant = deformed(block.slope, e.slopes, m)
@@ -183,11 +192,16 @@ class Flow:
             volumes.append(e.weights * determinant * sign)
             along = np.sum(cof * (e.values @ w)[..., None], axis=2) * (sign * e.weights)[..., None]
             fluxes.append(np.ascontiguousarray(np.moveaxis(along, -1, 0)))
-            normal = np.sum(deformed(block.face_slope, e.face_slopes, m)[0] * e.areas[:, None, :], axis=-1)
+            face_cof, face_determinant = deformed(block.face_slope, e.face_slopes, m)
+            normal = np.sum(face_cof * e.areas[:, None, :], axis=-1)
+            if diffusive:
+                metrics.append(cof.swapaxes(-1, -2) @ cof * (e.weights / np.abs(determinant))[..., None, None])
+                normal_metrics.append(np.sum(normal[..., None] * face_cof, axis=-2)
+                                      / np.abs(face_determinant)[..., None])  # fmt: skip
             through[block.faces] = (sign * np.sum(normal * (e.face_values @ w), axis=-1)).ravel()
         through = np.where(cells.inner, (through - through[cells.partner]) / 2, through)
         through[cells.wall] = 0.0
-        return cls(volumes, fluxes, through)
+        return cls(volumes, fluxes, through, metrics or None, normal_metrics or None)
 
     def between(self, other: Flow) -> Flow:
         """Return the mean of two flows."""
@@ -195,8 +209,12 @@ class Flow:
         def mean(one: Sequence[Array], two: Sequence[Array]) -> list[Array]:
             return [(a + b) / 2 for a, b in zip(one, two, strict=True)]
 
+        def mean_if(one: Sequence[Array] | None, two: Sequence[Array] | None) -> list[Array] | None:
+            return None if one is None or two is None else mean(one, two)
+
         return Flow(mean(self.volumes, other.volumes), mean(self.fluxes, other.fluxes),
-                    (self.through + other.through) / 2)  # fmt: skip
+                    (self.through + other.through) / 2, mean_if(self.metrics, other.metrics),
+                    mean_if(self.normal_metrics, other.normal_metrics))  # fmt: skip
 
 
 def deformed(slope: Array, slopes: Array, motion: Array) -> tuple[Array, Array]:

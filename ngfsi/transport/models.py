@@ -12,7 +12,7 @@ from pydantic import Field
 from ngfsi.arrays import Array
 from ngfsi.config.model import ConfigModel
 from ngfsi.transport.state import BloodState
-from ngfsi.units import Length, Time
+from ngfsi.units import Diffusivity, Length, Time
 
 Point = tuple[Length, Length, Length]
 
@@ -33,6 +33,8 @@ class ScalarModel(ConfigModel):
     kind: str
     name: str = Field(default="", pattern=r"^([a-z][a-z0-9_]*)?$")
     """Begins its columns; default: its kind. Two of one kind need different ones."""
+    diffusivity: Diffusivity = Field(default=0.0, ge=0)
+    """By which it spreads in the blood; nothing spreads through walls and openings."""
 
     @property
     def label(self) -> str:

@@ -18,7 +18,7 @@ is possible (X. Zhang, C.-W. Shu, J Comput Phys 229, 2010), which keeps the amou
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil, inf
 from typing import Any
 
@@ -30,6 +30,8 @@ from ngfsi.transport.elements import WIDTH
 
 STAGES = ((0.0, 1.0), (3 / 4, 1 / 2), (1 / 3, 1.0))
 """Of each stage the weight of the state at the start, and the time at its end as a part of the step."""
+REAL_STABILITY = 2.5
+"""Of the stages: the largest real rate times the substep."""
 BOUNDED = 6
 """At least so many substeps in the time in which the flow crosses a cell keep means of cells within the bounds."""
 
@@ -43,6 +45,7 @@ class Transported:
         source: by block (c, q), its rate at points for each volume (1/s times its unit).
         entering: what blood brings through an opening; None: what is inside of it.
         bounds: of what is possible, the least and the largest value, at a part of the step from 0 to 1.
+        diffusivity: m2/s; on walls and openings nothing diffuses through.
         left: by opening, the amount that has left through it in the step (unit times m3).
     """
 
@@ -50,6 +53,7 @@ class Transported:
     source: list[Array]
     entering: dict[str, float | None]
     bounds: Callable[[float], tuple[float, float]] = lambda _: (-inf, inf)
+    diffusivity: float = 0.0
     left: dict[str, float] = field(default_factory=dict)
 
 
@@ -92,10 +96,13 @@ class Scheme:
         Args:
             flow: `balanced` between the two.
         """
-        count = max(1, ceil(size * self._fastest(flow, old, new) - 1e-9))
+        first, last = self._matrices(old.volumes), self._matrices(new.volumes)
+        fastest = self._fastest(flow, old, new)
+        if diffusivity := max(scalar.diffusivity for scalar in scalars):
+            fastest += diffusivity * max(self._stiffest(flow, first), self._stiffest(flow, last)) / REAL_STABILITY
+        count = max(1, ceil(size * fastest - 1e-9))
         for scalar in scalars:
             scalar.left = dict.fromkeys(self.cells.openings, 0.0)
-        first, last = self._matrices(old.volumes), self._matrices(new.volumes)
         masses = self._masses(first, last, 0.0)
         for k in range(count):
             times = (k / count, (k + 0.5) / count, (k + 1) / count)
@@ -156,7 +163,61 @@ class Scheme:
             for along, slopes in zip(q, e.slopes_along, strict=True):
                 rate += (along * inside) @ slopes
             rates.append(rate)
+        if scalar.diffusivity:
+            diffused = self._diffusion(flow, scalar.values, traces)
+            rates = [rate + scalar.diffusivity * more for rate, more in zip(rates, diffused, strict=True)]
         return rates, np.array([carried[there].sum() for there in cells.openings.values()])
+
+    def _diffusion(self, flow: Flow, values: Sequence[Array], traces: Array) -> list[Array]:
+        """Return the rates (c, n) of amounts by diffusion of 1 m2/s: the symmetric interior penalty method (D. N.
+        Arnold, SIAM J Numer Anal 19, 1982)."""
+        cells, inner = self.cells, self.cells.inner
+        assert flow.metrics is not None
+        assert flow.normal_metrics is not None
+        normal = np.concatenate([
+            np.sum(n * gradient(block.element.face_slopes, c), axis=-1).ravel()
+            for block, n, c in zip(cells.blocks, flow.normal_metrics, values, strict=True)
+        ])  # fmt: skip
+        jump = np.where(inner, traces - traces[cells.partner], 0.0)
+        flux = np.where(inner, (normal - normal[cells.partner]) / 2, 0.0) - self._penalty(flow) * jump
+        found = []
+        for block, metric, n, c, through, half in zip(
+            cells.blocks, flow.metrics, flow.normal_metrics, values, cells.split(flux), cells.split(jump / 2),
+            strict=True,
+        ):  # fmt: skip
+            e = block.element
+            inside = (metric @ gradient(e.slopes, c)[..., None])[..., 0]
+            rate = through @ e.face_values
+            for axis, slopes in enumerate(e.slopes_along):
+                rate -= inside[..., axis] @ slopes
+                rate += (half * n[..., axis]) @ e.face_slopes[..., axis]
+            found.append(rate)
+        return found
+
+    def _penalty(self, flow: Flow) -> Array:
+        """Return what holds the jumps at points on faces together, for a diffusion of 1 m2/s (m3/s)."""
+        assert flow.normal_metrics is not None
+        parts = []
+        for block, n in zip(self.cells.blocks, flow.normal_metrics, strict=True):
+            e = block.element
+            across = e.areas / np.linalg.norm(e.areas, axis=1)[:, None]
+            parts.append((np.sum(n * across, axis=-1) / min(WIDTH[e.kind])).ravel())
+        both = np.concatenate(parts)
+        return np.asarray((self.cells.order + 1) ** 2 * (both + both[self.cells.partner]))
+
+    def _stiffest(self, flow: Flow, masses: Sequence[Array]) -> float:
+        """Return a bound of the rates (1/s) of diffusion of 1 m2/s: twice that of one cell with its penalties."""
+        assert flow.metrics is not None
+        largest = 0.0
+        for block, metric, penalty, mass in zip(self.cells.blocks, flow.metrics, self.cells.split(self._penalty(flow)),
+                                                masses, strict=True):  # fmt: skip
+            e = block.element
+            along = np.einsum("cqij,qnj->cqni", metric, e.slopes)
+            stiffness = np.einsum("cqni,qmi->cnm", along, e.slopes)
+            stiffness += np.einsum("cf,fn,fm->cnm", penalty, e.face_values, e.face_values)
+            root = np.linalg.inv(np.linalg.cholesky(mass))
+            largest = max(largest, float(np.linalg.eigvalsh(root @ stiffness @ root.swapaxes(-1, -2)).max()))
+        return 2 * largest
 
     def balanced(self, size: float, old: Flow, new: Flow) -> Flow:
         """Return the mean flow of a step with the corrections by which it agrees with the change of the volumes."""
@@ -164,12 +225,13 @@ class Scheme:
         lack = self._imbalance(size, old, new, flow)
         potential = self._potential.solve(-np.concatenate([r[:, 0] / e.values[0, 0] for r, e in lack]))
         beyond = np.where(cells.inner, potential[cells.cell[cells.partner]], 0.0)
-        flow = Flow(flow.volumes, flow.fluxes, flow.through + self._conductance * (potential[cells.cell] - beyond))
+        through = flow.through + self._conductance * (potential[cells.cell] - beyond)
+        flow = replace(flow, through=through)
         fluxes = []
         for q, (r, e), inverse in zip(flow.fluxes, self._imbalance(size, old, new, flow), self._pseudo, strict=True):
             potential = r @ inverse
             fluxes.append(q + np.stack([e.weights * (potential @ slopes.T) for slopes in e.slopes_along]))
-        return Flow(flow.volumes, fluxes, flow.through)
+        return replace(flow, fluxes=fluxes)
 
     def _imbalance(self, size: float, old: Flow, new: Flow, flow: Flow) -> list[tuple[Array, Any]]:
         """Return for each block int (dJ/dt v - q . grad v) + q . n v (c, n), and its element."""
@@ -214,6 +276,13 @@ def _limited(block: Block, volumes: Array, values: Array, least: float, most: fl
     limited = part[:, None] * values
     limited[:, 0] += (1 - part) * mean / e.values[0, 0]
     return np.asarray(limited)
+
+
+def gradient(slopes: Array, coefficients: Array) -> Array:
+    """Return the gradients (c, p, 3) at points of a field (c, n), by the coordinates of the elements."""
+    points, number, _ = slopes.shape
+    found = coefficients @ slopes.transpose(1, 0, 2).reshape(number, -1)
+    return np.asarray(found.reshape(len(coefficients), points, 3))
 
 
 def _at(time: float, old: list[Array], new: list[Array]) -> list[Array]:

@@ -24,14 +24,17 @@ class BloodState:
         fields: coefficients of the mesh's motion (m), of the relative and of the whole velocity (m/s), by block.
     """
 
-    def __init__(self, cells: Cells, fluid: FluidLaw, time: float, fields: dict[str, list[Array]]) -> None:
-        self.cells, self.time, self.fields = cells, time, fields
+    def __init__(
+        self, cells: Cells, fluid: FluidLaw, time: float, fields: dict[str, list[Array]], *, diffusive: bool = False
+    ) -> None:  # fmt: skip
+        """Take a state; `diffusive`: whether something diffuses in it."""
+        self.cells, self.time, self.fields, self._diffusive = cells, time, fields, diffusive
         self._fluid = fluid
 
     @cached_property
     def flow(self) -> Flow:
         """Volumes of the cells and flow through them."""
-        return Flow.of(self.cells, self.fields["motion"], self.fields["relative"])
+        return Flow.of(self.cells, self.fields["motion"], self.fields["relative"], diffusive=self._diffusive)
 
     @cached_property
     def shear_rates(self) -> list[Array]:

@@ -171,20 +171,31 @@ class FieldMap:
     outlines: Sequence[Array] = ()
 
 
-def field_maps(panels: Mapping[str, FieldMap], shown: Shown, path: Path, *, limits: tuple[float, float]) -> None:
+def mid_plane(run: StoredRun, name: str, factor: float) -> FieldMap:
+    """Return a field of the end of a run, times a factor, in the plane x = 0, by z and y."""
+    grid = run.fields(float(run.series["time_s"][-1]))
+    cut = grid.slice(normal="x", origin=(0.0, 0.0, 0.0)).triangulate()
+    triangles = np.asarray(cut.faces).reshape(-1, 4)[:, 1:]
+    return FieldMap(np.asarray(cut.points)[:, [2, 1]], triangles, factor * np.asarray(cut.point_data[name]))
+
+
+def field_maps(
+    panels: Mapping[str, FieldMap], shown: Shown, path: Path, *, limits: tuple[float, float],
+    axes: tuple[Shown, Shown] = (X, Y),
+) -> None:  # fmt: skip
     """Draw a field over plane sections, a panel per title, with one scale of colours from `limits`."""
     figure, spaces, columns = new_panels(len(panels), 3, (3.6, 3.7), (0.9, 0.0))
     for number, (panel, (title, drawn)) in enumerate(zip(spaces, panels.items(), strict=False)):
-        grid = Triangulation(X(drawn.points[:, 0]), Y(drawn.points[:, 1]), drawn.triangles)
+        grid = Triangulation(axes[0](drawn.points[:, 0]), axes[1](drawn.points[:, 1]), drawn.triangles)
         colours = panel.tripcolor(grid, shown(drawn.values), shading="gouraud", cmap="cividis",
                                   vmin=shown(limits[0]), vmax=shown(limits[1]), rasterized=True)  # fmt: skip
         for outline in drawn.outlines:
             panel.plot(*_closed(outline), color=QUIET, linewidth=0.8, linestyle="--")
         panel.set_aspect("equal")
         panel.set_title(title, fontsize=10)
-        panel.set_xlabel(X.label)
+        panel.set_xlabel(axes[0].label)
         if number % columns == 0:
-            panel.set_ylabel(Y.label)
+            panel.set_ylabel(axes[1].label)
     _share_frame(spaces[: len(panels)])
     figure.colorbar(colours, ax=spaces, label=shown.label, shrink=0.7, extend="both")
     figure.savefig(path)

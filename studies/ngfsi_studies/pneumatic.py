@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import pi
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.study import failed, run_cases
+from ngfsi.transport.models import Washout
 from ngfsi.units import MMHG, Shown, in_unit
 from ngfsi_studies import closing_vein
 from ngfsi_studies.figures import Line, lines
@@ -43,6 +44,8 @@ BEFORE_VALVE = 0.1
 """Part of the resistance of capillaries and veins that lies between the valve and the veins upstream."""
 LEAKAGE = 1e-3
 """Of the valve."""
+WASHED_OUT = 0.5
+"""Part of the blood that the vein held at rest whose time of washout is told."""
 
 
 class Device(NamedTuple):
@@ -106,21 +109,26 @@ LEVELS = {
 }
 
 
-def case(key: str, level: Level) -> Case:
-    """Return the oval vein in a device."""
-    base, device = closing_vein.case(closing_vein.BASE, closing_vein.LEVELS[level.mesh]), DEVICES[key]
+def source(base: Case) -> dict[str, Any]:
+    """Return what feeds the vein of a case with its flow at rest: veins upstream and a valve, filled by capillaries."""
     whole = closing_vein.CAPILLARIES / base.loads.inlet_flow(0.0)
-    source = {
+    return {
         "kind": "windkessel", "resistance_Pa_s_m3": BEFORE_VALVE * whole,
         "distal_resistance_Pa_s_m3": (1 - BEFORE_VALVE) * whole, "compliance_m3_Pa": UPSTREAM,
         "valve_leakage": LEAKAGE,
         "distal_pressure": {"kind": "constant",
                             "value_Pa": base.loads.outlet_pressure(0.0) + closing_vein.CAPILLARIES},
     }  # fmt: skip
+
+
+def case(key: str, level: Level) -> Case:
+    """Return the oval vein in a device."""
+    base, device = closing_vein.case(closing_vein.BASE, closing_vein.LEVELS[level.mesh]), DEVICES[key]
     step = min(level.longest, device.inflation / level.steps)
     return base.replace(**{
-        "name": key.replace("_", "-"), "loads.openings": {"inlet": source},
+        "name": key.replace("_", "-"), "loads.openings": {"inlet": source(base)},
         "loads.skin_pressure": PressureConstant(value=0.0), "loads.cuffs": device.chambers(base.geometry.length),
+        "scalars": (Washout(washed_out=WASHED_OUT),),
         "time.step": step, "time.smallest_step": step / 256, "time.end": device.full + HOLD,
         "output.fields_every": max(1, round(0.25 / step)),
     })  # fmt: skip
@@ -137,28 +145,24 @@ def expelled(run: StoredRun) -> Array:
     return np.concatenate([[0.0], np.cumsum((flow[1:] + flow[:-1]) / 2 * np.diff(times))])
 
 
-def washout(run: StoredRun) -> float:
-    """Return the time in which as much blood leaves as the vein held at rest (s); NaN: it does not."""
-    times, at_rest = run.series["time_s"], run.series["flow_out_m3_s"][0]
-    left = np.maximum.accumulate(expelled(run) + at_rest * times) - run.series["lumen_volume_m3"][0]
-    return float(np.interp(0.0, left, times, right=np.nan))
-
-
 COLUMNS: dict[str, Callable[[StoredRun], float]] = {
     "peak_velocity_m_s": lambda run: float(velocity(run).max()),
     "augmentation_1": lambda run: float(velocity(run).max() / velocity(run)[0]),
     "ejected_m3": lambda run: float(expelled(run).max()),
     "left_1": lambda run: float(run.series["lumen_volume_m3"][-1] / run.series["lumen_volume_m3"][0]),
-    "washout_s": washout,
+    "washout_s": lambda run: float(run.series["washout_time_s"][-1]),
+    "marked_1": lambda run: float(run.series["washout_left_1"][-1]),
     "least_tawss_Pa": lambda run: float(run.wall_history()["TAWSS_Pa"].min()),
     "upstream_rise_Pa": lambda run: float(np.ptp(run.series["pressure_stored_inlet_Pa"])),
 }
 """What a device does: largest mean velocity at the outlet, and over that at rest; volume expelled beyond the flow at
-rest; volume left in the end, over that at rest; time in which as much leaves as the vein held; smallest wall shear
-stress, averaged over the run; rise of the pressure upstream, while the vein takes no blood."""
+rest; volume left in the end, over that at rest; time until of the blood that the vein held `WASHED_OUT` has left, and
+the part of it that is left in the end; smallest wall shear stress, averaged over the run; rise of the pressure
+upstream, while the vein takes no blood."""
 SHOWN = {
     "peak_velocity_m_s": ("peak velocity", "mm_s"), "augmentation_1": ("over that at rest", "1"),
-    "ejected_m3": ("ejected", "ml"), "left_1": ("volume left", "percent"), "washout_s": ("its volume has left in", "s"),
+    "ejected_m3": ("ejected", "ml"), "left_1": ("volume left", "percent"),
+    "washout_s": ("half of its blood has left in", "s"), "marked_1": ("of its blood stays", "percent"),
     "least_tawss_Pa": ("smallest TAWSS", "Pa"), "upstream_rise_Pa": ("pressure upstream rises by", "mmHg"),
 }  # fmt: skip
 
@@ -174,7 +178,9 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
         f"# Intermittent compression of an oval vein, level `{level}`\n", answer(results), *_draw(done, folder),
         "## Devices\n", table(results),
         "The vein of study `closing_vein`, 3.2 : 1 in M tissue, blood at 10 mmHg. Each chamber is inflated linearly; "
-        f"the full pressure is held for {HOLD:g} s. Velocity: mean over the outlet.\n",
+        f"the full pressure is held for {HOLD:g} s. Velocity: mean over the outlet. The blood that the vein holds at "
+        "rest is marked and followed (`washout`): what stays of it, with what has come from upstream, fills the volume "
+        "that is left.\n",
         *failed(outcomes),
         f"## To repeat it\n\n    ngfsi study pneumatic --level {level}\n",
     ]  # fmt: skip

@@ -44,6 +44,16 @@ def _name() -> Outcome:
     return next(iter(carried({"kind": "age", "name": "since_rest"}).columns())), "since_rest_mean_s"
 
 
+@entry("ScalarModel.diffusivity", rel=1e-9)
+def _diffusivity() -> Outcome:
+    """A slab that is marked spreads over the rest: the amount stays, and the largest value falls."""
+    box = [[-1e3, -1e3, 1e3 * L / 3], [1e3, 1e3, 1e3 * L / 2]]
+    table = {"kind": "washout", "corners_mm": box}
+    still, spread = (carried(table | {"diffusivity_mm2_s": of}, mean=0.0).columns() for of in (0.0, 0.5))
+    assert spread["washout_max_1"]() < 0.95 * still["washout_max_1"]()
+    return spread["washout_left_1"](), 1.0
+
+
 @entry("Washout.start", rel=1e-7)
 def _start() -> Outcome:
     """Marked at 0.1 s: in the other 0.1 s as much has left as in the first ones of a run that begins then."""

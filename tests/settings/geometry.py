@@ -32,6 +32,7 @@ from ngfsi_geometry.lofted import LoftedMesh, LoftedVein
 from ngfsi_geometry.lofted_calf import ANATOMY, LoftedCalf
 from ngfsi_geometry.segment import FatLayer, MeshSettings
 from ngfsi_geometry.tube import TubeSegment
+from ngfsi_geometry.valve import ValvePocket
 
 from ngfsi.case import Case
 from ngfsi.errors import NgfsiError
@@ -546,3 +547,41 @@ def _own_mesh() -> Outcome:
     return [domain.volume("tissue") for domain in domains], pytest.approx(
         [(1 / 6 + 1 / 3) * 1e-9, (1 / 6 + 1 / 3) * 1e-6]
     )
+
+
+VALVE = {"radius": 5e-3, "leaflet_length": 7e-3, "opening": 4e-3, "thickness": 0.7e-3, "sinus_length": 12e-3,
+         "bulge": 0.2, "upstream": 6e-3, "downstream": 9e-3}  # fmt: skip
+
+
+@entry(*(f"ValvePocket.{name}" for name in VALVE), rel=2e-4)
+def _valve() -> Outcome:
+    """The volume of the blood and its part below each height: circles less the strips that the leaflets cut."""
+    z = (np.arange(40000) + 0.5) * 27e-3 / 40000
+    inside = np.clip((z - 6e-3) / 12e-3, 0, 1)
+    r = 5e-3 * (1 + 0.2 * np.sin(pi * inside) ** 2)
+    # the middle of a leaflet leads from the wall to its free edge, and backwards by half of its length
+    tip, begin = np.array([2.35e-3, 13e-3]), np.array([5.35e-3, 6e-3])
+    along = (tip - begin) / np.linalg.norm(tip - begin)
+    across = np.array([along[1], -along[0]]) * 0.35e-3
+    corners = [tip - 10.5e-3 * along - across, tip - across, tip + across, tip - 10.5e-3 * along + across]
+    low, high = np.full_like(z, np.inf), np.full_like(z, -np.inf)
+    for (y0, z0), (y1, z1) in zip(corners, [*corners[1:], corners[0]], strict=True):
+        on = (z >= min(z0, z1)) & (z <= max(z0, z1))
+        y = y0 + (y1 - y0) * (z[on] - z0) / (z1 - z0)
+        low[on], high[on] = np.minimum(low[on], y), np.maximum(high[on], y)
+    low, high = (np.clip(np.where(np.isfinite(y), y, 0.0), 0, r) for y in (low, high))
+    strip = [y * np.sqrt(r**2 - y**2) + r**2 * np.arcsin(y / r) for y in (low, high)]
+    areas = pi * r**2 - 2 * (strip[1] - strip[0])
+    domain = domain_of(ValvePocket(**VALVE, curving_order=3))
+    assert domain.geometry.length == pytest.approx(27e-3, rel=1e-12)
+    return domain.geometry.exact_volumes()["fluid"], float(areas.sum() * 27e-3 / 40000)
+
+
+@entry("ValvePocket.element_size", "ValvePocket.leaflet_size", "ValvePocket.curving_order")
+def _elements_of_a_valve() -> Outcome:
+    """More of them, and closer to the shape."""
+    sizes = [{}, {"element_size": 1.8e-3}, {"leaflet_size": 1.3e-3}, {"curving_order": 3}]
+    domains = [domain_of(ValvePocket(**VALVE, **more)) for more in sizes]
+    counts = [domain.mesh.ne for domain in domains]
+    errors = [abs(domain.statistics()["relative_volume_errors"]["fluid"]) for domain in domains]
+    return [counts[1] > 1.1 * counts[0], counts[2] > 1.1 * counts[0], errors[3] < errors[0] / 3], [True] * 3

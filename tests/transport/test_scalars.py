@@ -216,6 +216,17 @@ def half_left() -> float:
     return float(np.interp(0.5, 1 - 3 * np.array(left), times))
 
 
+def test_washout_of_a_vein_that_is_squeezed() -> None:
+    """Nothing enters: what is left is as much as the volume, which passes a half at two thirds of the second step."""
+    scalars = carrying(Washout(washed_out=0.5))
+    for time, volume in ((0.0, 1.0), (1.0, 0.6), (2.0, 0.45), (3.0, 0.4)):
+        narrower = volume**0.5 - 1
+        scalars.system.motion.Set(ng.CF((narrower * ng.x, narrower * ng.y, 0)))
+        scalars.advance(time)
+        assert scalars.columns()["washout_left_1"]() == pytest.approx(volume, rel=1e-10)
+    assert scalars.columns()["washout_time_s"]() == pytest.approx(1 + 2 / 3, rel=1e-9)
+
+
 def test_what_cannot_be_carried_is_refused() -> None:
     base = case_of(PIPE).to_toml_dict()
     with pytest.raises(CaseError, match=r"'scalars' .*several scalars 'age': give each a name"):

@@ -158,3 +158,44 @@ def test_order_in_space(order: int, largest: float) -> None:
 def test_order_in_time_on_a_moving_mesh() -> None:
     errors = [carried(16, 3, steps, 0.3 * L) for steps in (4, 8)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.25)
+
+
+def diffused(cells: Cells) -> tuple[Scheme, Flow, Transported, float]:
+    """Return cos(pi z / l) in a closed pipe of length l, after it has spread such that exp(-0.2) should be left of it,
+    on a mesh that is bent along its axis; and its error."""
+    scheme, stretch, diffusivity = Scheme(cells), 1.5, 2e-5
+    still_blood = cells.sample(ng.CF((0, 0, 0)))
+    motion = (stretch - 1) * ng.z + 0.1 * L * ng.sin(np.pi * ng.z / L)
+    flow = Flow.of(cells, cells.sample(ng.CF((0, 0, motion))), still_blood, diffusive=True)
+    scalar = Transported(coefficients(cells, ng.cos(np.pi / (stretch * L) * (ng.z + motion))), still(cells), {},
+                         diffusivity=diffusivity)  # fmt: skip
+    time = 0.2 / (diffusivity * (np.pi / (stretch * L)) ** 2)
+    scheme.step(time, flow, flow, scheme.balanced(time, flow, flow), [scalar])
+    z = places(cells)[:, 2]
+    z = stretch * z + 0.1 * L * np.sin(np.pi * z / L)
+    error = at_points(cells, scalar.values) - np.exp(-0.2) * np.cos(np.pi * z / (stretch * L))
+    return scheme, flow, scalar, float(np.sqrt(np.mean(error**2)))
+
+
+def test_order_of_diffusion() -> None:
+    """Third order with polynomials of second order."""
+    errors = []
+    for layers in (2, 4):
+        geometry = TUBE.replace(mesh=COARSE.replace(axial_layers=layers, curving_order=1))
+        errors.append(diffused(Cells(domain_of(geometry), 2))[-1])
+    assert errors[1] < 2e-3
+    assert 2.7 < np.log2(errors[0] / errors[1]) < 3.3
+
+
+def test_diffusion_keeps_amounts_and_constants() -> None:
+    """On a mesh that moves."""
+    cells = cells_of("mixed")
+    scheme, flow, scalar, _ = diffused(cells)
+    moved = Flow.of(cells, cells.sample(ng.CF(bend(0.2))), cells.sample(ng.CF((0, 0, 0))), diffusive=True)
+    constant = Transported(coefficients(cells, 0.7), still(cells), {}, diffusivity=2e-5)
+    before, scale = (scheme.amount(flow.volumes, one) for one in (scalar.values, coefficients(cells, 1.0)))
+    scheme.step(0.01, flow, moved, scheme.balanced(0.01, flow, moved), [scalar, constant])
+    assert np.abs(at_points(cells, constant.values) - 0.7).max() < 1e-11
+    left = sum(scalar.left.values())
+    assert abs(left) > 1e-3 * scale
+    assert abs(scheme.amount(moved.volumes, scalar.values) + left - before) < 1e-13 * scale
