@@ -245,8 +245,8 @@ def gradient(
 ) -> None:
     """Compute what a result depends on.
 
-    Derivatives and elasticities (percent per percent) of a quantity by any number of parameters, for about the price
-    of two more runs, by a discrete adjoint of the whole run.
+    Derivatives and elasticities (percent per percent) of a quantity by any number of parameters, for the price
+    of two or three runs, by a discrete adjoint of the whole run.
 
     Example: ngfsi gradient calf.toml --of sawss_mean --window 0.5,1 --by materials.tissue,loads.inlet_flow
     """

@@ -75,6 +75,11 @@ def even_changes(found: Gradient) -> Array:
 
 VALVE = ResistanceOpening(resistance=1e8, distal_pressure=PressureConstant(value=1700.0), valve_leakage=1e-2)
 
+WAVES = test_statics.case_of("tibia").replace(**{
+    "loads.skin_pressure": PressureRamp(final=500.0, duration=4e-3), "time.step": 2e-3, "time.end": 10e-3,
+    "materials.tissue.viscosity": SolidViscosity(kelvin_voigt=2.0),
+})  # fmt: skip
+"""A ring around a bone of which a sudden pressure makes waves, whose steps are a quarter of a period."""
 
 CASES: dict[str, tuple[Case, str, Window, str]] = {
     "coupled": (VEIN.replace(**{"materials.tissue.viscosity": SolidViscosity(kelvin_voigt=300.0)}), "sawss",
@@ -93,16 +98,17 @@ CASES: dict[str, tuple[Case, str, Window, str]] = {
         "lumen_volume", Window("end"),
         "materials.tissue.young,materials.wall.poisson,loads.outlet_pressure,loads.skin_pressure.final",
     ),
-    "stages": (VEIN.replace(**{"time.scheme": "esdirk3"}), "area_z05", Window("end"), "materials,loads"),
     "thinning, contact": (
         VEIN.replace(**{
             "materials.fluid": CarreauYasuda(density=1060.0, viscosity_at_rest=0.056, viscosity_at_high_shear=3.5e-3,
                                              time_constant=3.3, n=0.36),
             "conditions.contact": ContactModel(), "time.end": 0.1, "time.scheme": "static",
-        }), "sawss", Window("mean"), "materials.fluid,materials.wall.young",
+        }), "sawss", Window("mean"), "materials.fluid.n,materials.fluid.viscosity_at_high_shear,materials.wall.young",
     ),
-    "plane": (test_statics.case_of("tibia", skin=500.0).replace(**{"time.step": 0.1, "time.end": 0.2}), "skin_area",
-              Window("mean"), "materials,loads.skin_pressure"),
+    **{f"waves, {scheme}": (WAVES.replace(**{"time.scheme": scheme}), "skin_area", Window("change"),
+                            "materials,loads.skin_pressure") for scheme in ("bdf2", "esdirk3", "sdirk4")},
+    "plane": (test_statics.case_of("tibia", skin=500.0).replace(**{"time.scheme": "static"}), "skin_area", Window(),
+              "materials,loads.skin_pressure"),
 }  # fmt: skip
 
 
@@ -114,7 +120,7 @@ def test_gradient_is_that_of_whole_runs(name: str) -> None:
     changes = even_changes(found)
     expected = sum(found.derivatives[one.name] * change for one, change in zip(found.parameters, changes, strict=True))
     ends = [value(moved(case, found.parameters, sign * changes), quantity, window) for sign in (1, -1)]
-    assert (ends[0] - ends[1]) / 2 == pytest.approx(expected, rel=1e-6)
+    assert (ends[0] - ends[1]) / 2 == pytest.approx(expected, rel=1e-6, abs=0.0)
 
 
 def test_remainder_of_taylors_series_is_of_second_order() -> None:
@@ -156,7 +162,7 @@ def test_ring_under_pressure() -> None:
     for number, name in enumerate(by):
         step = 1e-5 * point * (np.arange(3) == number)
         exact = (area(*point + step) - area(*point - step)) / (2 * step[number])
-        assert found.derivatives[name] == pytest.approx(exact, rel=1e-4), name
+        assert found.derivatives[name] == pytest.approx(exact, rel=1e-4, abs=0.0), name
 
 
 def test_shape_of_a_tube() -> None:
@@ -165,7 +171,7 @@ def test_shape_of_a_tube() -> None:
     found = gradient(case, "lumen_volume", Window(), "geometry.length")
     ends = [value(changed(case, ("geometry", "length"), (1 + sign * 1e-3) * BONED.length), "lumen_volume", Window())
             for sign in (1, -1)]  # fmt: skip
-    assert found.derivatives["geometry.length"] == pytest.approx((ends[0] - ends[1]) / 2e-3 / BONED.length, rel=1e-6)
+    assert found.derivatives["geometry.length"] == pytest.approx((ends[0] - ends[1]) / 2e-3 / BONED.length, rel=1e-5)
     with pytest.raises(CaseError, match="the mesh is another one"):
         same_mesh(case.replace(**{"geometry.mesh.far_size": 9e-3}), domain_of(BONED), "geometry.mesh.far_size")
 
@@ -173,7 +179,7 @@ def test_shape_of_a_tube() -> None:
 def test_quantities_are_those_of_the_columns() -> None:
     """Whatever has a gradient has the value of its column in series.csv."""
     for case in (VEIN, CASES["plane"][0]):
-        run = StoredStates(case.replace(**{"time.end": 0.1}), domain_of(case.geometry))
+        run = StoredStates(case.replace(**{"time.end": case.time.step}), domain_of(case.geometry))
         run.show(1)
         probe = Probe(run.system)
         probe.refresh()
@@ -182,7 +188,7 @@ def test_quantities_are_those_of_the_columns() -> None:
         assert len(names) >= 2
         for name in names:
             what = measured(run.system, name)
-            assert what.value() == pytest.approx(measures[f"{name}_{what.unit}"](), rel=2e-5), name
+            assert what.value() == pytest.approx(measures[f"{name}_{what.unit}"](), rel=2e-5, abs=0.0), name
 
 
 class HiddenSpring(Condition):
@@ -248,7 +254,7 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert rows[0]["parameter"] == "loads.inlet_flow.value"
     sizes = [abs(float(row["elasticity"])) for row in rows]
     assert sizes == sorted(sizes, reverse=True)
-    assert sizes[0] == pytest.approx(0.9780, abs=2e-3)
+    assert sizes[0] == pytest.approx(0.96875, abs=1e-4)
     shown = capsys.readouterr().out
     assert "sawss_mean = 0.0" in shown
     assert shown.index("loads.inlet_flow.value") < shown.index("materials.wall.young")
