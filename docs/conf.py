@@ -32,7 +32,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_default_options = {"members": True, "exclude-members": "model_config, model_post_init"}
 default_role = "code"
-BESIDE = {"readme": "README.md", "contributing": "CONTRIBUTING.md", "changes": "CHANGELOG.md"}
+BESIDE = {"contributing": "CONTRIBUTING.md", "changes": "CHANGELOG.md"}
 """Pages that are files beside docs/."""
 PARTS = ("sensitivity/runs", "stocking_design/design", "stocking_design/compared", "stocking_design/confirmed")
 """Pages to which a report alone leads."""

@@ -102,7 +102,7 @@ def test_ranks_without_mpi4py(monkeypatch: pytest.MonkeyPatch) -> None:
 def interpreter() -> str:
     """Return a Python that can run on several ranks here."""
     if shutil.which("mpirun") is None:
-        pytest.skip("no mpirun here: see 'Several processes' in the README")
+        pytest.skip("no mpirun here: see 'Several processes' in docs/using.md")
     made = ROOT / ".venv-mpi" / "bin" / "python"
     needs = "import petsc4py.PETSc, mpi4py.MPI, ngsolve"
     for python in (made, Path(sys.executable)):

@@ -25,13 +25,25 @@ from ngfsi_studies import (
     tissue_report,
 )
 from ngfsi_studies.source import claims, everything
-from ngfsi_studies.source_page import BEGIN, DOCS, END, PAGE, README, ROOT, page, readme, stored
+from ngfsi_studies.source_page import (
+    BEGIN,
+    DOCS,
+    END,
+    PAGE,
+    README,
+    RESULTS,
+    ROOT,
+    page,
+    readme,
+    results,
+    stored,
+)
 from ngfsi_studies.tissue_findings import numerical_errors
 
 from ngfsi.materials import load_set
 from ngfsi.study.design import Indices
 
-BY_HAND = [README, ROOT / "CONTRIBUTING.md", *(path for path in DOCS.glob("*.md") if path != PAGE)]
+BY_HAND = [README, ROOT / "CONTRIBUTING.md", *(path for path in DOCS.glob("*.md") if path not in (PAGE, RESULTS))]
 """Pages that are not written by a study alone."""
 
 
@@ -42,6 +54,7 @@ def report(name: str) -> str:
 def test_pages_are_what_the_tables_say() -> None:
     """To write them again: python -m ngfsi_studies.source_page."""
     assert PAGE.read_text(encoding="utf-8") == page()
+    assert RESULTS.read_text(encoding="utf-8") == results()
     text = README.read_text(encoding="utf-8")
     assert text == readme(text)
 
@@ -61,9 +74,8 @@ def test_a_changed_number_shows(monkeypatch: pytest.MonkeyPatch) -> None:
         return [{**row, "loss_1": row["loss_1"] + 0.001} for row in found] if name == "paper/results.csv" else found
 
     monkeypatch.setattr(source_page, "stored", other)
-    text = README.read_text(encoding="utf-8")
     assert page() != PAGE.read_text(encoding="utf-8")
-    assert text != readme(text)
+    assert results() != RESULTS.read_text(encoding="utf-8")
 
 
 def test_numbers_of_the_source_stand_in_written_pages_alone() -> None:
@@ -79,7 +91,7 @@ def test_numbers_of_the_source_stand_in_written_pages_alone() -> None:
 
 def test_links_lead_somewhere() -> None:
     """Of what is written: files are there, and have the headings that are named."""
-    for path, text in ((PAGE, page()), (README, README.read_text(encoding="utf-8"))):
+    for path, text in ((PAGE, page()), (RESULTS, results()), (README, README.read_text(encoding="utf-8"))):
         for target in re.findall(r"\]\(([^)\s]+)\)", text.replace("\n", " ")):
             if target.startswith("http"):
                 continue

@@ -31,7 +31,7 @@ def without_petsc() -> str:
     try:
         from petsc4py import PETSc
     except ImportError as error:
-        return f"needs petsc4py, which cannot be loaded here ({error}): see 'Several processes' in the README"
+        return f"needs petsc4py, which cannot be loaded here ({error}): see 'Several processes' in docs/using.md"
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return "needs a PETSc with MUMPS, which the one here is without"
     return ""

@@ -181,7 +181,7 @@ def all_ranks() -> Ranks:
     if missing:
         raise CaseError(
             f"{size} processes were started, which need {' and '.join(missing)} to work together: see 'Several "
-            "processes' in the README, or start one"
+            "processes' in docs/using.md, or start one"
         )
     from mpi4py import MPI
 

@@ -1,8 +1,8 @@
-"""docs/source_study.md, and what README.md says of the source study, from its printed tables and stored results.
+"""docs/source_study.md, docs/results.md and what README.md says of them, from its printed tables and stored results.
 
     python -m ngfsi_studies.source_page
 
-Prose is in source_page.md.j2 and source_readme.md.j2, and holds no result: the printed numbers are in
+Prose is in source_page.md.j2, source_results.md.j2 and source_readme.md.j2, and holds no result: the printed numbers are in
 source_tables.toml, the computed ones in the tables that the studies left in docs/. tests/test_source_study.py fails
 when the pages are not what this would write.
 """
@@ -32,7 +32,7 @@ from ngfsi_studies.tissue_findings import SWING, Row, numerical_errors
 
 ROOT = Path(__file__).parents[2]
 DOCS, README = ROOT / "docs", ROOT / "README.md"
-PAGE = DOCS / "source_study.md"
+PAGE, RESULTS = DOCS / "source_study.md", DOCS / "results.md"
 BEGIN = "<!-- from here on written by python -m ngfsi_studies.source_page -->\n"
 END = "<!-- up to here -->\n"
 TISSUES = dict(zip("MN", MAIN, strict=True))
@@ -43,6 +43,11 @@ NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight
 def page() -> str:
     """Return docs/source_study.md."""
     return _render("source_page.md.j2")
+
+
+def results() -> str:
+    """Return docs/results.md."""
+    return _render("source_results.md.j2")
 
 
 def readme(text: str) -> str:
@@ -314,4 +319,5 @@ def _sensitivity() -> dict[str, Any]:
 
 if __name__ == "__main__":
     replace_file(PAGE, page().encode())
+    replace_file(RESULTS, results().encode())
     replace_file(README, readme(README.read_text(encoding="utf-8")).encode())
