@@ -297,6 +297,10 @@ class CalfLoft(ConfigModel):
         """Names of the regions of labels, in which elements lie that are of the tissue without them."""
         return ()
 
+    def label_volumes(self) -> dict[str, float]:
+        """Return the volumes [m3] of those labels."""
+        return {}
+
     def region_at(self, points: Array) -> NDArray[np.str_]:
         """Return the region at points (n, 3) [m] of the tissue: one of `further_regions`, or tissue."""
         return np.full(len(points), "tissue")
@@ -359,7 +363,7 @@ class CalfLoft(ConfigModel):
         straight = ng.Mesh(mesh)
         shape = reference_shape(straight, self.boundary_names, self.curving_order, self.shape_map())
         moved = [np.array(component.vec.FV().NumPy()[: straight.nv]) for component in shape.components]
-        return np.array([vertex.point for vertex in straight.vertices]) + np.stack(moved, axis=1)
+        return np.asarray([vertex.point for vertex in straight.vertices] + np.stack(moved, axis=1))
 
     def _regions(self, section: SectionMesh, layers: int, vertices: Array) -> list[list[NDArray[np.str_]]]:
         """Return the region of each cell in each layer: of the tissue that in which most of its sample points lie.
