@@ -55,9 +55,10 @@ def outlines(
     """
     from ngfsi.case import Case
     from ngfsi.errors import GeometryError
+    from ngfsi.mesh.domain import Domain
     from ngfsi.store.disk import explained
     from ngfsi.store.table import write_rows
-    from ngfsi.units import from_si
+    from ngfsi.units import from_si, in_unit
     from ngfsi_geometry.lofted_calf import CalfLoft
     from ngfsi_geometry.pictures import draw_sections
 
@@ -78,4 +79,12 @@ def outlines(
         area = whole / sum(float(row["area_m2"]) for row in mine) - 1
         away = from_si(float(worst["distance_max_m"]), "mm")
         typer.echo(f"{part}: area {area:+z.2%} over all slices, at most {away:.2f} mm off (slice {worst['slice']})")
+    for sentence in calf.remarks:
+        typer.echo(f"warning: {sentence}")
+    if calf.further_regions:
+        domain = Domain.build(calf)
+        for name, volume in calf.label_volumes().items():
+            meshed = domain.volume(name)
+            both = f"{in_unit(meshed, 'ml', '.3g')} in the mesh, {in_unit(volume, 'ml', '.3g')} labelled"
+            typer.echo(f"{name}: {both} ({meshed / volume - 1:+.1%})")
     typer.echo(f"All slices are in '{output}': deviations.csv, sections.png")

@@ -206,6 +206,24 @@ class LabelMap:
         there = np.unique(self.numbers)
         return tuple(name for name, number in self.labels.items() if number in there)
 
+    def names_at(self, points: Array) -> NDArray[np.str_]:
+        """Return the name of the label of the voxel nearest to points (n, 3) [m]; empty: of none."""
+        z = np.rint((points[:, 2] - self.origin[2]) / self.spacing[2]).astype(int)
+        layer = np.clip(z, 0, len(self.numbers) - 1)
+        found = np.full(len(points), "", dtype=object)
+        places = [np.rint((points[:, axis] - self.origin[axis] - layer * self.shift[axis]) / self.spacing[axis])
+                  for axis in (0, 1)]  # fmt: skip
+        column, row = (np.clip(p.astype(int), 0, n - 1) for p, n in zip(places, self.numbers.shape[:0:-1], strict=True))
+        numbers = self.numbers[layer, row, column]
+        for name, number in self.labels.items():
+            found[numbers == number] = name
+        return found.astype(str)
+
+    def volume(self, name: str, slices: slice) -> float:
+        """Return the volume [m3] of a label between the middles of the first and last of some slices."""
+        areas = np.sum(self.numbers[slices] == self._number(name), axis=(1, 2)) * self._pixel_area
+        return float(np.trapezoid(areas, dx=self.spacing[2]))
+
     def slices_of(self, name: str) -> range:
         """Return the numbers of the slices, from 0, from the first to the last in which a label is.
 

@@ -21,15 +21,16 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
-from ngfsi.mesh.curving import BoundaryMotion
+from ngfsi.mesh.curving import BoundaryMotion, reference_shape
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.outlines.outline import Outline, closed, dense, distances
-from ngfsi.units import Length
+from ngfsi.units import Length, in_unit
 from ngfsi_geometry.calf import CalfSegment, CalfVein
 from ngfsi_geometry.calf_section import touching
+from ngfsi_geometry.extrusion import extrude
 from ngfsi_geometry.loft import StarLoft
-from ngfsi_geometry.plane import Star
-from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.plane import SectionMesh, Star
+from ngfsi_geometry.segment import TISSUE_ENDS, MeshSettings
 
 Array = NDArray[np.float64]
 
@@ -43,9 +44,14 @@ DENSE = 4
 """Heights for each outline at which the surface through them is looked at."""
 NEAREST = 0.2
 """Least distance of a surface from its middle, as a fraction of its radius."""
+PIXELS = 2
+"""Distances between surface and label up to so many pixels are not worth a word: labels are rounded to pixels, and one
+more is what outlines may be away from them."""
 GAP = 2e-3
 """Between the curves of the straight segment, at least [m]; they are made smaller where outlines are nearer."""
 FRACTIONS = 1.0, 0.9, 0.8, 0.65, 0.5, 0.35
+SAMPLED = 0.45, 0.85
+"""Of the way from the middle of an element to its corners, where it is asked in which label it lies."""
 STEPS = 4
 """In which the straight segment is deformed."""
 
@@ -186,6 +192,27 @@ class CalfLoft(ConfigModel):
         return outline.resampled(EDGE_POINTS)
 
     @property
+    def resolution(self) -> float:
+        """Distance [m] of the surfaces from the outlines that is not worth a word; 0: any is."""
+        return 0.0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences about parts whose surfaces are far from what the image shows, the worst slice of each."""
+        if not self.resolution:
+            return ()
+        worst: dict[str, dict[str, Any]] = {}
+        for row in self.deviations():
+            if row["distance_max_m"] > max(self.resolution, worst.get(str(row["part"]), row)["distance_max_m"] - 1e-12):
+                worst[str(row["part"])] = row
+        return tuple(
+            f"the smooth surface of '{part}' is up to {in_unit(row['distance_max_m'], 'mm', '.2g')} from its label, in "
+            f"slice {row['slice']}, more than {PIXELS} pixels: `ngfsi outlines` shows all, more modes or a smaller "
+            "smoothing_mm bring it nearer"
+            for part, row in worst.items()
+        )
+
+    @property
     def _pieces(self) -> int:
         return max(1, round(self.length / self.smoothing))
 
@@ -263,7 +290,20 @@ class CalfLoft(ConfigModel):
     @property
     def solids(self) -> tuple[str, ...]:
         """Names of the regions of the solids."""
-        return self.straight.solids
+        return *self.straight.solids, *self.further_regions
+
+    @property
+    def further_regions(self) -> tuple[str, ...]:
+        """Names of the regions of labels, in which elements lie that are of the tissue without them."""
+        return ()
+
+    def label_volumes(self) -> dict[str, float]:
+        """Return the volumes [m3] of those labels."""
+        return {}
+
+    def region_at(self, points: Array) -> NDArray[np.str_]:
+        """Return the region at points (n, 3) [m] of the tissue: one of `further_regions`, or tissue."""
+        return np.full(len(points), "tissue")
 
     @property
     def vessels(self) -> tuple[Vessel, ...]:
@@ -291,13 +331,15 @@ class CalfLoft(ConfigModel):
         return self.mesh.curving_order
 
     def exact_volumes(self) -> dict[str, float]:
-        """Return the volume [m3] of each region between the lofts."""
+        """Return the volume [m3] of each region between the lofts, but for those of labels and what is left."""
         inside = {name: loft.volume() for name, loft in self._lofts.items()}
         found = {"tissue": inside["skin"] - inside["tibia"] - inside["fibula"]}
         for k in self._numbers:
             lumen, outer = inside[_named("interface", k)], inside[_named("wall_outer", k)]
             found["tissue"] -= outer
             found |= {_named("wall", k): outer - lumen, _named("fluid", k): lumen}
+        if self.further_regions:
+            found.pop("tissue")
         return found
 
     def mesh_attempts(self) -> tuple[str, ...]:
@@ -306,7 +348,48 @@ class CalfLoft(ConfigModel):
 
     def netgen_mesh(self, attempt: int = 0) -> Any:
         """Return the Netgen mesh [m] of the straight segment; attempt: index in `mesh_attempts`."""
-        return self.straight.netgen_mesh(attempt, self._curves)
+        mesh = self.straight.netgen_mesh(attempt, self._curves)
+        if not self.further_regions:
+            return mesh
+        section, heights = self.straight.layered(attempt, self._curves)
+        ends = {**self.straight.ends, **dict.fromkeys(self.further_regions, TISSUE_ENDS)}
+        split = self.mesh.element == "tetrahedron"
+        return extrude(section, heights, ends, split, self._regions(section, len(heights) - 1, self._vertices(mesh)))
+
+    def _vertices(self, mesh: Any) -> Array:
+        """Return where the vertices (n, 3) [m] of a straight mesh lie between the lofts."""
+        import ngsolve as ng
+
+        straight = ng.Mesh(mesh)
+        shape = reference_shape(straight, self.boundary_names, self.curving_order, self.shape_map())
+        moved = [np.array(component.vec.FV().NumPy()[: straight.nv]) for component in shape.components]
+        return np.asarray([vertex.point for vertex in straight.vertices] + np.stack(moved, axis=1))
+
+    def _regions(self, section: SectionMesh, layers: int, vertices: Array) -> list[list[NDArray[np.str_]]]:
+        """Return the region of each cell in each layer: of the tissue that in which most of its sample points lie.
+
+        Those at a vein are all in that in which most of them lie, so that the vein has one neighbour.
+        """
+        at_veins = np.concatenate([ring.nodes for ring in section.rings if ring.circle.name.startswith("wall_outer")])
+        plane, found, votes = len(section.points), [], []
+        for layer in range(layers):
+            parts = []
+            for name, cells in section.cells:
+                corners = vertices[np.hstack([cells, cells + plane]) + layer * plane]
+                middles = corners.mean(axis=1, keepdims=True)
+                samples = np.concatenate([middles, *((1 - t) * middles + t * corners for t in SAMPLED)], axis=1)
+                regions = np.full(samples.shape[:2], name, dtype=object)
+                if name == "tissue":
+                    regions = self.region_at(samples.reshape(-1, 3)).reshape(samples.shape[:2])
+                chosen = np.array([_most(row) for row in regions], dtype=object)
+                if name == "tissue":
+                    near = np.isin(cells, at_veins).any(axis=1)
+                    votes += chosen[near].tolist()
+                    chosen[near] = None
+                parts.append(chosen)
+            found.append(parts)
+        beside = _most(np.array(votes))
+        return [[np.array([one or beside for one in part]) for part in parts] for parts in found]
 
     def shape_map(self) -> BoundaryMotion:
         """Return the displacement [m] of the straight segment's surfaces to the lofts."""
@@ -342,6 +425,12 @@ class LoftedCalf(CalfLoft):
         outlines = {name: getattr(self, name) for name in ANATOMY}
         outlines |= {_named("lumen", k): stack for k, stack in enumerate(self.further_lumens, start=2)}
         return Stack(outlines, self.heights, self.first_slice)
+
+
+def _most(names: NDArray[Any]) -> str:
+    """Return the name that is there most often."""
+    there, counts = np.unique(names.astype(str), return_counts=True)
+    return str(there[np.argmax(counts)])
 
 
 def _named(part: str, number: int) -> str:

@@ -422,9 +422,12 @@ class VeinSegment(ConfigModel):
         """
         if self.mesh.element == "csg":
             return self._mesh_of_solids()
+        return extrude(*self.layered(attempt, curves or {}), self.ends, split=self.mesh.element == "tetrahedron")
+
+    def layered(self, attempt: int, curves: Mapping[str, Star]) -> tuple[SectionMesh, Points]:
+        """Return the mesh of the section, and the heights [m] of the layers; arguments as of `netgen_mesh`."""
         heights = layer_heights(self.length, self.mesh.axial_layers, self.mesh.end_refinement)
-        section = self._section(SIZE_FACTORS[attempt], curves or {})
-        return extrude(section, heights, self.ends, split=self.mesh.element == "tetrahedron")
+        return self._section(SIZE_FACTORS[attempt], curves), heights
 
     def _section(self, factor: float, curves: Mapping[str, Star]) -> SectionMesh:
         """Return the mesh of the cross-section, its element sizes multiplied by a factor."""

@@ -377,8 +377,8 @@ def answer(results: Mapping[str, Result]) -> str:
         f"- **With M tissue the shape of the vein is enough.** Under 25 mmHg a round vein loses "
         f"{100 * around.loss_1:.1f} % of its volume and its SAWSS ends at {around.sawss_ratio_1:.2f} times that at "
         f"rest; an oval one of the same area, {RATIO:g} : 1, loses "
-        f"{_with_error(100 * oval.loss_1, 100 * losses)} % and ends at "
-        f"{_with_error(oval.sawss_ratio_1, ratios)} times, of which the blood that the vein still expels has a part: "
+        f"{with_error(100 * oval.loss_1, 100 * losses)} % and ends at "
+        f"{with_error(oval.sawss_ratio_1, ratios)} times, of which the blood that the vein still expels has a part: "
         f"in steady flow under the same pressure it is {oval.steady_ratio_1:.1f} times. Measured under stockings: "
         f"{', '.join(one.range for one in measured('loss_percent'))} %; on the source's images of a subject "
         f"{tables('compare_tissues')['volume_reduction_percent']['measured']:g} %.",
@@ -467,7 +467,7 @@ def spread(designed: Sequence[Designed]) -> str:
     return said + "\n"
 
 
-def _with_error(value: float, error: float) -> str:
+def with_error(value: float, error: float) -> str:
     """Return a number with its error, to the first digit of the error."""
     digits = max(0, 1 - int(np.floor(np.log10(error)) + 1)) if error > 0 else 1
     return f"{value:.{digits}f} ± {error:.{digits}f}"

@@ -2,9 +2,9 @@
 
     python -m ngfsi_studies.source_page
 
-Prose is in source_page.md.j2, source_results.md.j2 and source_readme.md.j2, and holds no result: the printed numbers are in
-source_tables.toml, the computed ones in the tables that the studies left in docs/. tests/test_source_study.py fails
-when the pages are not what this would write.
+Prose is in source_page.md.j2, source_results.md.j2 and source_readme.md.j2, and holds no result: the printed numbers
+are in source_tables.toml, the computed ones in the tables that the studies left in docs/. tests/test_source_study.py
+fails when the pages are not what this would write.
 """
 
 from __future__ import annotations

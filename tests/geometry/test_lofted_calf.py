@@ -16,7 +16,7 @@ import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
 from ngfsi_geometry import templates
 from ngfsi_geometry.calf import CalfSegment
-from ngfsi_geometry.calf_section import subject
+from ngfsi_geometry.calf_section import COMPARTMENTS, subject
 from ngfsi_geometry.example_labels import rough_calf
 from ngfsi_geometry.imaging import LABELS, LabelMap, phantom_stack
 from ngfsi_geometry.labelled import LabelledCalf
@@ -115,6 +115,49 @@ def test_distance_around_a_star() -> None:
     assert np.sqrt(around(series(row, DENSE * SAMPLES), t)) == pytest.approx(expected, rel=3e-4)
 
 
+def compartments_file(folder: Path) -> Path:
+    """Write the label map of a calf whose compartments lie obliquely: moved by 4 mm from end to end."""
+    given = subject(1, superficial_posterior=ellipse(26e-3, 12e-3, -2e-3, -34e-3))
+    slices = []
+    for s in np.linspace(-2e-3, 2e-3, COUNT):
+        parts = {name: getattr(given, name) for name in ("skin", "tibia", "fibula")}
+        for name in COMPARTMENTS:
+            outline = getattr(given, name)
+            parts[name] = Outline.through(outline.points + np.array([s, 0.0]))
+        slices.append({**parts, "lumen": given.veins[0].lumen})
+    file = folder / "compartments.nii.gz"
+    sitk.WriteImage(phantom_stack(slices, given.skin)[0], str(file))
+    return file
+
+
+def test_compartments_of_a_label_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Volumes within 2 % of the labels', by elements of 5 mm; the vein has one neighbour; a case has laws for all."""
+    file = compartments_file(tmp_path)
+    mesh = COARSE.replace(far_size=5e-3, axial_layers=2)
+    geometry = LabelledCalf(file=str(file), mesh=mesh, compartments=("lateral", *COMPARTMENTS[:1], *COMPARTMENTS[2:]))
+    domain = domain_of(geometry)
+    assert domain.regions == ("tissue", "wall", *COMPARTMENTS, "fluid")
+    wanted = geometry.label_volumes()
+    numbers = sitk.GetArrayFromImage(sitk.ReadImage(str(file)))
+    pixels = np.array([np.sum(layer == LABELS["lateral"]) for layer in numbers])
+    assert wanted["lateral"] == pytest.approx(np.sum((pixels[1:] + pixels[:-1]) / 2) * 0.625e-3**2 * 2e-3, rel=1e-9)
+    for name, volume in wanted.items():
+        assert domain.volume(name) == pytest.approx(volume, rel=0.02), name
+    whole = domain_of(geometry.replace(compartments=()))
+    assert sum(domain.volume(name) for name in ("tissue", *COMPARTMENTS)) == pytest.approx(
+        whole.volume("tissue"), rel=1e-9
+    )
+    assert domain.beyond(domain.vessels[0]) in ("tissue", "superficial_posterior")
+    with pytest.raises(GeometryError, match="'fat' is not a known label that can be a region"):
+        geometry.replace(compartments=("fat",))
+    case = tmp_path / "leg.toml"
+    case.write_text(case_of(geometry).to_toml(), encoding="utf-8")
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["outlines", str(case), "-o", str(tmp_path / "out")])
+    assert ended.value.code == 0
+    assert "deep_posterior: " in capsys.readouterr().out
+
+
 def test_the_vessel_lies_in_the_straight_mesh() -> None:
     """With the circle's radius that the lofts have, which is smaller in the mesh where parts are near each other."""
     geometry = lofted()
@@ -208,6 +251,9 @@ def test_rough_labels_make_a_calf(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert re.search(r"lumen: area [+-]0\.[0-9]+% over all slices, at most .* \(slice 5\)", capsys.readouterr().out)
     found = read_columns(tmp_path / "out" / "deviations.csv", {"distance_max": "length", "distance_rms": "length"})
     assert len(found["distance_max"]) == 5 * len(numbers)
+    # of pixels of 1 mm: the crescent and the arm are more than two beside their labels, the others are not
+    said = [re.search(r"'(\w+)' is up to ([\d.]+) mm .* slice (\d+),", sentence) for sentence in geometry.remarks]
+    assert {one[1]: one[3] for one in said if one} == {"tibia": "9", "lumen": "5"}
     assert 0.2e-3 < np.median(found["distance_rms"]) < 1e-3
     assert (tmp_path / "out" / "sections.png").stat().st_size > 10_000
 

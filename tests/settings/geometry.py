@@ -38,6 +38,7 @@ from ngfsi.case import Case
 from ngfsi.errors import NgfsiError
 from ngfsi.mesh.domain import Domain
 from ngfsi.outlines.outline import Outline
+from tests.geometry.test_lofted_calf import COARSE, compartments_file
 from tests.settings.physics import BEAM, FINE, SECTION
 from tests.settings.table import Outcome, entry
 from tests.surfaces import LENGTH, RADIUS, tube
@@ -114,6 +115,15 @@ def _compartments() -> Outcome:
     found.append(domain.area("transverse_septum"))
     wanted.append(10e-3 * sum(float(np.hypot(*(end - corner))) for end in ends))
     return found, wanted
+
+
+@entry("LabelledCalf.compartments", rel=0.02)
+def _compartments_of_labels() -> Outcome:
+    """By elements of 5 mm, the volume of the label's voxels."""
+    with TemporaryDirectory() as folder:
+        file = str(compartments_file(Path(folder)))
+        calf = LabelledCalf(file=file, compartments=("lateral",), mesh=COARSE.replace(far_size=5e-3, axial_layers=2))
+        return [volume(calf, "lateral")], [calf.label_volumes()["lateral"]]
 
 
 @entry("VeinSegment.hollow")
