@@ -8,9 +8,9 @@ from math import inf
 from typing import Any
 
 from ngfsi.case import Case
-from ngfsi.config.functions import Curve
+from ngfsi.config.functions import Curve, Waveform
 from ngfsi.config.model import ConfigModel, dimension_of_field, keys_of
-from ngfsi.errors import CaseError, unknown
+from ngfsi.errors import CaseError, NgfsiError, unknown
 from ngfsi.units import SI_SUFFIX
 
 ROOMS = ("materials", "loads", "conditions", "geometry")
@@ -41,6 +41,14 @@ class Parameter:
         """The path as it is written."""
         return ".".join(self.path)
 
+    def can_vary(self, case: Case) -> bool:
+        """Whether the value can be larger and smaller."""
+        try:
+            self.varied(case)
+        except CaseError:
+            return False
+        return True
+
     def varied(self, case: Case) -> tuple[Case, Case]:
         """Return the case with a larger and with a smaller value.
 
@@ -49,7 +57,7 @@ class Parameter:
         """
         try:
             more, less = (changed(case, self.path, self.value + sign * self.step) for sign in (1, -1))
-        except CaseError as error:
+        except NgfsiError as error:
             raise CaseError(f"--by {self.name}: {self.value:g} can be varied to one side only: {error}") from None
         return more, less
 
@@ -57,7 +65,8 @@ class Parameter:
 def parameters_of(case: Case, wanted: Sequence[str]) -> list[Parameter]:
     """Return the parameters that are asked for: numbers, or all numbers under a key.
 
-    Of functions of time the values are parameters, but not the times, to which the steps are fitted.
+    Of functions of time the values are parameters, but not the times, to which the steps are fitted. Of all numbers
+    under a key those are left out that lie at the end of what is allowed, as a density of 0.
 
     Raises:
         CaseError: a key is unknown, or no parameter.
@@ -68,7 +77,7 @@ def parameters_of(case: Case, wanted: Sequence[str]) -> list[Parameter]:
         if keys[0] not in ROOMS:
             raise CaseError(f"--by {written}: {unknown('part of a case with parameters', keys[0], ROOMS)}")
         path, part = _resolved(case, keys, written)
-        among = list(_numbers(case, path, part))
+        among = [one for one in _numbers(case, path, part) if isinstance(part, float) or one.can_vary(case)]
         if not among:
             raise CaseError(f"--by {written}: there is no number that the result depends on smoothly: name one such as "
                             "materials.tissue or loads.skin_pressure.value")  # fmt: skip
@@ -103,7 +112,8 @@ def _numbers(case: Case, path: tuple[str, ...], part: Any) -> Iterator[Parameter
     if isinstance(part, float):
         owner, field = _owner(case, path)
         dimension = dimension_of_field(type(owner), field)
-        if not (isinstance(owner, Curve) and dimension == "time"):
+        closes = isinstance(owner, Waveform) and field == "values" and int(path[-1]) == len(owner.values) - 1
+        if not (isinstance(owner, Curve) and dimension == "time") and not closes:
             size = min(abs(part) or _scale(case, path), *_distances(owner, field, part))
             yield Parameter(path, part, SI_SUFFIX[dimension] if dimension else "1", RELATIVE_STEP * size)
     for key, inside in _parts(part).items():
@@ -140,6 +150,8 @@ def changed(part: Any, path: tuple[str, ...], value: float) -> Any:
     if not path:
         return value
     key, inside = path[0], changed(_parts(part)[path[0]], path[1:], value)
+    if isinstance(part, Waveform) and key == "values":
+        inside = (*inside[:-1], inside[0])  # the last value closes the period
     if isinstance(part, ConfigModel):
         return part.replace(**{key: inside})
     if isinstance(part, Mapping):

@@ -15,7 +15,7 @@ from ngfsi.case import Case
 from ngfsi.cli import main
 from ngfsi.conditions import Condition, ConditionModel, ContactModel
 from ngfsi.conditions.openings import ResistanceOpening, WindkesselOpening
-from ngfsi.config.functions import FlowConstant, PressureConstant, PressureRamp, PressureTable
+from ngfsi.config.functions import FlowConstant, FlowWaveform, PressureConstant, PressureRamp, PressureTable
 from ngfsi.errors import CaseError
 from ngfsi.gradient import command
 from ngfsi.gradient.adjoint import Adjoint, Gradient, StoredStates, Window, gradient_of, same_mesh
@@ -213,6 +213,20 @@ class HiddenSprings(ConditionModel):
 
     def condition(self, _domain: Domain, _name: str) -> Condition:
         return HiddenSpring()
+
+
+def test_numbers_that_are_parameters() -> None:
+    """All that can vary: a waveform is closed by its first value, and a density of 0 has no less."""
+    wave = FlowWaveform(times=(0.0, 0.2, 0.5, 1.0), values=(1e-6, 3e-6, 2e-6, 1e-6))
+    case = VEIN.replace(**{"loads.inlet_flow": wave, "materials.wall.density": 0.0})
+    found = parameters_of(case, ["loads.inlet_flow", "materials.wall"])
+    assert [one.name for one in found] == [*(f"loads.inlet_flow.values.{n}" for n in range(3)), "materials.wall.young",
+                                           "materials.wall.poisson"]  # fmt: skip
+    assert found[0].varied(case)[0].loads.inlet_flow.values == pytest.approx(  # type: ignore[attr-defined]
+        (1.00001e-6, 3e-6, 2e-6, 1.00001e-6), rel=1e-9, abs=0.0
+    )
+    with pytest.raises(CaseError, match="to one side only"):
+        parameters_of(case, ["materials.wall.density"])[0].varied(case)
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str, str, str]] = {
