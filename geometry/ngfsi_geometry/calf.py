@@ -19,8 +19,8 @@ from pydantic import Field, model_validator
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
 from ngfsi.mesh.curving import BoundaryMotion
+from ngfsi.mesh.geometry import COMPARTMENTS
 from ngfsi.units import Angle, Length
-from ngfsi_geometry.calf_section import COMPARTMENTS
 from ngfsi_geometry.plane import Curve, Ellipse, Indices, Line, Points, even_angles, within
 from ngfsi_geometry.segment import FINE_ANGLES, NARROWEST_GAP, StraightVein, VeinSegment, smooth_step
 

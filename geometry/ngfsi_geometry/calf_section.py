@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError
-from ngfsi.mesh.geometry import Vessel
+from ngfsi.mesh.geometry import COMPARTMENTS, Vessel
 from ngfsi.outlines.outline import Outline
 from ngfsi.units import Length
 from ngfsi_geometry.channel import PlaneMesh, PlaneSection
@@ -27,7 +27,6 @@ NARROWEST_GAP = 0.5e-3
 SIZE_FACTORS = (1.0, 0.8, 0.65)
 """Factors on the element sizes to be tried in turn if elements along curved outlines are inverted."""
 
-COMPARTMENTS = ("anterior", "lateral", "superficial_posterior", "deep_posterior")
 SPLINE_POINTS = 4
 """Points handed to Netgen's spline for each given one, so that it follows ours."""
 MOST_POINTS = 400

@@ -15,9 +15,10 @@ from scipy.ndimage import binary_dilation, binary_fill_holes, binary_opening, ga
 from scipy.optimize import brentq
 
 from ngfsi.errors import GeometryError, unknown
+from ngfsi.mesh.geometry import COMPARTMENTS
 from ngfsi.outlines.outline import Outline, closed, dense, distances, polygon_area
 from ngfsi.units import from_si
-from ngfsi_geometry.calf_section import COMPARTMENTS, NARROWEST_GAP, CalfSection, Vein
+from ngfsi_geometry.calf_section import NARROWEST_GAP, CalfSection, Vein
 from ngfsi_geometry.loft import series
 from ngfsi_geometry.lofted import LoftedVein
 from ngfsi_geometry.lofted_calf import ANATOMY, FEWEST, LoftedCalf, Stack

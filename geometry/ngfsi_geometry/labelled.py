@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from ngfsi.arrays import Array
 from ngfsi.errors import GeometryError, unknown
-from ngfsi_geometry.calf_section import COMPARTMENTS
+from ngfsi.mesh.geometry import COMPARTMENTS
 from ngfsi_geometry.content import check_digest, digest
 from ngfsi_geometry.imaging import LabelMap
 from ngfsi_geometry.lofted_calf import PIXELS, CalfLoft, Stack

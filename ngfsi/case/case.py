@@ -33,6 +33,7 @@ from ngfsi.config.model import ConfigModel, one_of, registered
 from ngfsi.errors import CaseError, GeometryError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.materials.membrane import Membrane
+from ngfsi.mesh.geometry import COMPARTMENTS
 from ngfsi.outlines.displacement import OutlineDisplacement
 from ngfsi.transport.models import ScalarModel, check_names
 from ngfsi.units import MMHG, Pressure, Time
@@ -68,7 +69,7 @@ def kind_of(region: str) -> str:
     return re.sub(r"_\d+$", "", region)
 
 
-PARTS_OF_TISSUE = ("fat", "anterior", "lateral", "superficial_posterior", "deep_posterior")
+PARTS_OF_TISSUE = ("fat", *COMPARTMENTS)
 """Regions that are of the material of the tissue unless they have their own."""
 
 

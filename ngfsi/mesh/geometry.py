@@ -10,6 +10,8 @@ from ngsolve import CoefficientFunction
 
 from ngfsi.mesh.curving import ShapeMap
 
+COMPARTMENTS = ("anterior", "lateral", "superficial_posterior", "deep_posterior")
+"""Of the muscles of a calf: names of the regions that they may be."""
 Point = tuple[float, float, float]
 
 

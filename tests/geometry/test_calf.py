@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from ngfsi_geometry.calf import STILL, CalfSegment, CalfVein, Compartments
-from ngfsi_geometry.calf_section import COMPARTMENTS
 from ngfsi_geometry.plane import Ellipse
 from ngfsi_geometry.segment import FatLayer, MeshSettings, VeinSegment
 from ngfsi_geometry.tube import BareTube, TubeSegment
@@ -18,6 +17,7 @@ from ngsolve import BND, CF, H1, VOL, ElementId, Grad, GridFunction, Integrate, 
 from ngfsi.errors import GeometryError
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.generate import MeshReport, shape_of
+from ngfsi.mesh.geometry import COMPARTMENTS
 
 ELEMENTS = ("prism", "mixed", "tetrahedron")
 
