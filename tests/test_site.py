@@ -8,7 +8,9 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from html import unescape
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +80,15 @@ def test_each_public_name_has_a_text(name: str) -> None:
         silent += [key for key in thing.model_fields if not meaning(thing, key) and not _is_part(thing, key)]
     assert inspect.getdoc(thing)
     assert silent == []
+
+
+def test_the_licence_of_each_package_is_listed() -> None:
+    """Of those that a user installs, with extras or without."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = (needed for name, needed in project["optional-dependencies"].items() if name != "dev")
+    needed = {re.match(r"[\w-]+", one)[0] for one in (*project["dependencies"], *chain(*extras))}  # type: ignore[index]
+    rows = re.findall(r"^\| ([^|]+) \| [^|]+ \|", (ROOT / "docs" / "licences.md").read_text("utf-8"), re.M)
+    assert {name for row in rows[1:] for name in row.removesuffix(", optional").split(", ")} == needed
 
 
 def _members(thing: Any) -> list[tuple[str, Any]]:
