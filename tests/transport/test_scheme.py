@@ -199,3 +199,24 @@ def test_diffusion_keeps_amounts_and_constants() -> None:
     left = sum(scalar.left.values())
     assert abs(left) > 1e-3 * scale
     assert abs(scheme.amount(moved.volumes, scalar.values) + left - before) < 1e-13 * scale
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_diffusion_is_symmetric_and_smooths(name: str) -> None:
+    """Between any two fields, on bent cells."""
+    cells, random = cells_of(name), np.random.default_rng(5)
+    scheme = Scheme(cells)
+    flow = Flow.of(cells, cells.sample(ng.CF(bend(0.2))), cells.sample(ng.CF((0, 0, 0))), diffusive=True)
+    fields = [[random.uniform(-1, 1, c.shape) for c in coefficients(cells, 1.0)] for _ in range(2)]
+
+    def rate_of(one: list[Array]) -> list[Array]:
+        traces = [(c @ b.element.face_values.T).ravel() for b, c in zip(cells.blocks, one, strict=True)]
+        return scheme._diffusion(flow, one, np.concatenate(traces))
+
+    def work(one: list[Array], other: list[Array]) -> float:
+        return sum(float(np.sum(a * b)) for a, b in zip(rate_of(one), other, strict=True))
+
+    a, b = fields
+    scale = -work(a, a)
+    assert scale > 0
+    assert work(a, b) == pytest.approx(work(b, a), abs=1e-12 * scale)
