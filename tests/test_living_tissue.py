@@ -111,11 +111,11 @@ def test_the_report(tmp_path: Path) -> None:
     runs |= {"m-round-isotropic-space": known(0.21, 1.5), "m-linear-elastic-space": known(0.2, 2.1),
              "m-linear-elastic-time": known(0.2, 1.8)}  # fmt: skip
     outcomes = {key: Outcome(run) for key, run in runs.items()} | {"m-smooth-elastic": Outcome(None, "no mesh")}
-    text = write_report("demo", tmp_path, outcomes).read_text(encoding="utf-8")
+    text = write_report("paper", tmp_path, outcomes).read_text(encoding="utf-8")
     assert "- **M, round vein**: it loses 20 ± 1 % of its volume, 24 ± 1 % with the polynomial" in text
     assert "change the loss by -20.0 % of itself, fibres at the same mean shear modulus by +20.0 %" in text
-    assert "fat leaves 22 ± 1 %, with skin and fasciae 16.0 ± 0.8 %" in text
-    assert "fibres make the calf stiffer; if they are a mean over directions, softer." in text
+    assert "with fat it loses 22 ± 1 %; with fat, skin and fasciae 16.0 ± 0.8 %" in text
+    assert "fibres make the calf stiffer, by up to 20 % of the loss; if they are a mean over directions, softer" in text
     assert "SAWSS swings by 0.0 % of that at t = 0 with elastic tissue" in text
     assert "| linear | elastic | 20" in text
     assert "| 2.0 ± 0.3 |" in text

@@ -126,7 +126,9 @@ def compartments_file(folder: Path) -> Path:
             parts[name] = Outline.through(outline.points + np.array([s, 0.0]))
         slices.append({**parts, "lumen": given.veins[0].lumen})
     file = folder / "compartments.nii.gz"
-    sitk.WriteImage(phantom_stack(slices, given.skin)[0], str(file))
+    image = phantom_stack(slices, given.skin)[0]
+    image.SetOrigin([*image.GetOrigin()[:2], 30.0])
+    sitk.WriteImage(image, str(file))
     return file
 
 
