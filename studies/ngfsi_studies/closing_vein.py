@@ -134,7 +134,7 @@ POINTS = {
     "sheath": Point(
         "in a sheath of 2 mm, 5 kPa",
         {"geometry.sheath_thickness": 2e-3, "materials.sheath": load_set("loose_connective_tissue")},
-        closes=60,
+        closes=39,  # with 11 % of the area left; no state at rest was found beyond
     ),
     "tissue_stiff": Point("M with K 82 kPa", {"materials.tissue": load_set("mooney_rivlin_s1").replace(K=82e3)}),
     "tissue_n": Point("N, likely constants", {"materials.tissue": load_set("neo_hookean_likely")}),
