@@ -88,7 +88,9 @@ def test_the_licence_of_each_package_is_listed() -> None:
     extras = (needed for name, needed in project["optional-dependencies"].items() if name != "dev")
     needed = {re.match(r"[\w-]+", one)[0] for one in (*project["dependencies"], *chain(*extras))}  # type: ignore[index]
     rows = re.findall(r"^\| ([^|]+) \| [^|]+ \|", (ROOT / "docs" / "licences.md").read_text("utf-8"), re.M)
-    assert {name for row in rows[1:] for name in row.removesuffix(", optional").split(", ")} == needed | {"netgen-mesher"}
+    assert {name for row in rows[1:] for name in row.removesuffix(", optional").split(", ")} == needed | {
+        "netgen-mesher"
+    }
 
 
 def _members(thing: Any) -> list[tuple[str, Any]]:

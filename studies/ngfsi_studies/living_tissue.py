@@ -276,8 +276,8 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         "in the last 0.4 s, over SAWSS at t = 0.\n",
         "±: the sum of the differences to runs of one order more or less and of twice the step (`ngfsi run --error`), "
         f"{'' if 'space' in chosen.errors else 'in time to the latter alone, '}of M tissue as the source has it; those "
-        "of others are taken to be the same in proportion. Twice the step damps the swing as a viscosity does: its size is unsure, what a "
-        "viscosity makes of it is seen on equal steps.\n",
+        "of others are taken to be the same in proportion. Twice the step damps the swing as a viscosity does: its "
+        "size is unsure, what a viscosity makes of it is seen on equal steps.\n",
         *failed(outcomes), f"## To repeat it\n\n    ngfsi study living_tissue --level {level}\n",
     ]  # fmt: skip
     path = folder / "report.md"
