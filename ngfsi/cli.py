@@ -444,6 +444,26 @@ def animate(
 
 
 @app.command()
+def view(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders of runs, to be compared side by side.", metavar="RUN...")
+    ],
+    port: Annotated[int, typer.Option(help="Port of the page; 0: any that is free.")] = 0,
+    browser: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
+    _: Plugin = None,
+) -> None:
+    """Look at runs on a local page.
+
+    Time, quantity, planes of cut; a click on a place shows its history. Needs trame: pip install 'ngfsi[view]'.
+
+    Example: ngfsi view runs/calf
+    """
+    from ngfsi.report.view import serve
+
+    serve(folders, port, browser)
+
+
+@app.command()
 def report(
     folders: Annotated[list[Path], typer.Argument(help="Folders of runs.", metavar="RUN...")],
     output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("runs/report.html"),
@@ -476,7 +496,7 @@ def report(
 
 OWN = (
     "run", "new", "schema", "check", "resume", "gradient", "study", "verify", "bench", "materials", "info", "cite",
-    "export", "animate", "report",
+    "export", "animate", "view", "report",
 )  # fmt: skip
 """The commands above; others are registered by packages."""
 
