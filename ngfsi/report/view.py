@@ -136,7 +136,7 @@ def serve(folders: Sequence[Path], port: int, browser: bool) -> None:
         from trame.app import get_server
         from trame.ui.vuetify3 import SinglePageLayout
         from trame.widgets import html, vuetify3
-        from trame_pyvista.ui import plotter_ui
+        from trame_pyvista import ui
     except ImportError as error:
         raise OutputError(
             f"the viewer needs trame ({error}): pip install 'ngfsi[view]', or make a page without a server by "
@@ -183,7 +183,8 @@ def serve(folders: Sequence[Path], port: int, browser: bool) -> None:
                 v_model=("at",), min=0.0, max=1.0, step=0.02, hide_details=True, style="min-width: 8em; max-width: 10em"
             )
         with layout.content, vuetify3.VContainer(fluid=True, classes="fill-height pa-0"):
-            view = plotter_ui(viewer.plotter, mode="server")
+            scene: Any = ui.plotter_ui
+            view = scene(viewer.plotter, mode="server")
             controller.view_update = view.update
             html.Img(
                 src=("history",),
