@@ -165,15 +165,23 @@ def serve(folders: Sequence[Path], port: int, browser: bool) -> None:
 
     def pick(place: Any) -> None:
         viewer.picked = np.asarray(place)
-        show()
+        with state:  # which is not told of changes from outside its own events else
+            show()
 
     viewer.plotter.enable_surface_point_picking(pick, show_message=False, show_point=False, left_clicking=True)
     with SinglePageLayout(server) as layout:
-        layout.title.set_text("ngfsi")
+        layout.title.hide()
+        layout.icon.hide()
         with layout.toolbar:
             select = {"density": "compact", "hide_details": True, "style": "max-width: 15em"}
             vuetify3.VSlider(
-                v_model=("step",), min=0, max=len(viewer.times) - 1, step=1, hide_details=True, label="time"
+                v_model=("step",),
+                min=0,
+                max=len(viewer.times) - 1,
+                step=1,
+                hide_details=True,
+                label="time",
+                style="min-width: 12em",
             )
             html.Span("{{ shown }}", classes="mx-2")
             vuetify3.VSelect(v_model=("place",), items=("places", list(PLACES)), **select)
@@ -189,6 +197,6 @@ def serve(folders: Sequence[Path], port: int, browser: bool) -> None:
             html.Img(
                 src=("history",),
                 v_if=("history",),
-                style="position: absolute; right: 1em; bottom: 1em; background: white",
+                style="position: absolute; right: 1em; bottom: 1em; max-width: 45%; background: white",
             )
     server.start(port=port, open_browser=browser, show_connection_info=True, timeout=0)

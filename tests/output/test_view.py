@@ -71,7 +71,7 @@ def test_what_has_no_fields_is_refused(stored: StoredRun, tmp_path: Path) -> Non
 
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="there is no Chrome or Chromium")
 def test_the_page_in_a_browser(stored: StoredRun) -> None:
-    """It draws the last time, and another when the slider asks for it."""
+    """It draws the last time, the history of a place that is clicked, and another time when the slider asks for it."""
     command = [sys.executable, "-u", "-m", "ngfsi.cli", "view", str(stored.path), "--no-browser"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
@@ -93,6 +93,10 @@ async def _look(address: str, last: str, first: str) -> bool:
         await _until(tab, f"document.body && document.body.innerText.includes({last!r})")
         # the picture comes over the same connection
         await _until(tab, "[...document.images].some(one => one.naturalWidth > 100)")
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            where = {"x": 380, "y": 270, "button": "left", "clickCount": 1, "buttons": int(kind == "mousePressed")}
+            await tab.send_command("Input.dispatchMouseEvent", params={"type": kind, **where})
+        await _until(tab, "[...document.images].some(one => one.src.startsWith('data:image/svg'))")
         await tab.send_command("Runtime.evaluate", params={"expression": "window.trame.state.set('step', 0)"})
         return await _until(tab, f"document.body.innerText.includes({first!r})")
 
