@@ -90,10 +90,10 @@ def export(run: StoredRun, time: float, fmt: str, destination: Path | None = Non
 
 
 def of_domain(domain: Domain) -> Named:
-    """Return the mesh of a domain in its reference shape, curved cells of second order, in single precision."""
+    """Return the mesh of a domain in its reference shape, curved cells of second order."""
     rest = ng.CF((0.0,) * domain.mesh.dim)
     with tempfile.TemporaryDirectory(prefix="ngfsi-mesh-") as scratch:
-        writer = FieldWriter(Path(scratch), domain, {DISPLACEMENT: rest})
+        writer = FieldWriter(Path(scratch), domain, {DISPLACEMENT: rest}, double=True)
         writer.write(0.0)
         grid = pv.read(Path(scratch) / FOLDER / NUMBERED.format("volume", 0))
     return _named(grid, range(len(domain.regions)))

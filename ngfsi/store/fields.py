@@ -99,14 +99,16 @@ class FieldWriter:
     """
 
     def __init__(
-        self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf
-    ) -> None:
+        self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf,
+        *, double: bool = False,
+    ) -> None:  # fmt: skip
         """Take the folder of the run and the reference shape.
 
         Args:
             volume_fields: name with unit -> field on the whole domain; `displacement_m` must be among them. The tensors
                 have three rows and columns in plane domains, too.
             until: fields up to this time [s] that the folder holds are kept, later ones removed.
+            double: whether numbers have double precision, which takes twice the space.
 
         Raises:
             OutputError: the folder cannot be read or written.
@@ -114,6 +116,7 @@ class FieldWriter:
         if DISPLACEMENT not in volume_fields:
             raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
         self.folder = folder
+        self._precision = "double" if double else "single"
         self._mesh, self._names = domain.mesh, list(volume_fields)
         # laws are costly to evaluate point by point, as VTK output does: elementwise projections take a 200th of it
         space = ng.L2(domain.mesh, order=CELL_ORDER, dim=9)
@@ -180,7 +183,7 @@ class FieldWriter:
             projection.Set(field)
         raw = self.folder / FOLDER / "unfinished"
         ng.VTKOutput(self._mesh, coefs=self._coefficients, names=self._names, filename=str(raw), order=CELL_ORDER,
-                     floatsize="single").Do()  # fmt: skip
+                     floatsize=self._precision).Do()  # fmt: skip
         written = raw.with_suffix(".vtu")
         grid = pv.read(written)
         written.unlink()

@@ -18,7 +18,7 @@ from ngfsi_geometry.tube import TubeSegment
 from ngfsi.errors import OutputError
 from ngfsi.mesh.domain import Domain
 from ngfsi.store import RunFolder, open_run
-from ngfsi.store.export import FORMATS, export
+from ngfsi.store.export import FORMATS, export, of_domain, write
 from ngfsi.store.fields import FieldWriter
 from ngfsi.store.stored import StoredRun
 from tests.output.fake import CASE, GEOMETRY, INFLATION, domain
@@ -124,6 +124,21 @@ def exported(geometry: Any, path: Path, fmt: str) -> Path:
     FieldWriter(folder.path, Domain.build(geometry), {"displacement_m": REST}).write(0.0)
     written, _ = export(open_run(folder.path), 0.0, fmt, path / "mesh" / f"mesh{FORMATS[fmt]}")
     return written.parent if fmt == "xdmf" else written
+
+
+@pytest.mark.parametrize("fmt", ["vtu", "gmsh"])
+@pytest.mark.parametrize("element", ["tetrahedron", "prism"])
+def test_a_mesh_that_is_no_run_is_read_back_exactly(tmp_path: Path, element: Any, fmt: str) -> None:
+    mesh = MeshSettings(element=element, axial_layers=2, vein_size=5e-3, far_size=25e-3, lumen_radii=(0.6,),
+                        curving_order=2)  # fmt: skip
+    before = Domain.build(TubeSegment(length=10e-3, wall_thickness=2e-3, outer_radius=14e-3, mesh=mesh))
+    file = tmp_path / f"mesh{FORMATS[fmt]}"
+    write(of_domain(before), file, fmt)
+    after = Domain.build(ExternalMesh(file=str(file), unit="m"))
+    for name in before.regions:
+        assert after.volume(name) == pytest.approx(before.volume(name), rel=1e-10, abs=0), name
+    for name in before.geometry.boundary_names:
+        assert after.area(name) == pytest.approx(before.area(name), rel=1e-10, abs=0), name
 
 
 @pytest.mark.parametrize("fmt", ["vtu", "gmsh", "abaqus", "xdmf"])
