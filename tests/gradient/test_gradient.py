@@ -18,7 +18,7 @@ from ngfsi.conditions.openings import ResistanceOpening, WindkesselOpening
 from ngfsi.config.functions import FlowConstant, FlowWaveform, PressureConstant, PressureRamp, PressureTable
 from ngfsi.errors import CaseError
 from ngfsi.gradient import command
-from ngfsi.gradient.adjoint import Adjoint, Gradient, StoredStates, Window, gradient_of, same_mesh
+from ngfsi.gradient.adjoint import Gradient, StoredStates, Window, gradient_of, same_mesh
 from ngfsi.gradient.functionals import functionals_of, measured
 from ngfsi.gradient.parameters import Parameter, changed, parameters_of
 from ngfsi.materials.fluid.carreau_yasuda import CarreauYasuda
@@ -44,18 +44,15 @@ WINDKESSEL = WindkesselOpening(
 
 def gradient(case: Case, quantity: str, window: Window, by: str, domain: Domain | None = None) -> Gradient:
     """Return the gradient of a run in this process."""
-    run = StoredStates(case, domain or domain_of(case.geometry))
-    return Adjoint(run, quantity, window).gradient(parameters_of(case, by.split(",")))
+    return gradient_of(
+        case, quantity, window, parameters_of(case, by.split(",")), domain=domain or domain_of(case.geometry)
+    )
 
 
 def value(case: Case, quantity: str, window: Window) -> float:
     """Return the quantity of a run."""
-    run = StoredStates(case, domain_of(case.geometry))
-    what, values = measured(run.system, quantity), []
-    for number in run.accepted:
-        run.show(number)
-        values.append(what.value())
-    return window.weights(run.times, np.array(values))[0]
+    run = StoredStates(case, domain_of(case.geometry), quantities=[quantity])
+    return window.weights(run.times, run.values()[quantity])[0]
 
 
 def moved(case: Case, parameters: Sequence[Parameter], changes: Sequence[float] | Array) -> Case:
