@@ -138,6 +138,12 @@ class Window:
         return float(1 - last / first), slopes
 
 
+def wanted(of: str, kinds: Sequence[str]) -> tuple[str, str]:
+    """Return the quantity that a name means, and what is made of it."""
+    name, _, kind = of.rpartition("_")
+    return (name, kind) if name and kind in kinds else (of, "end")
+
+
 @dataclass
 class Gradient:
     """What a gradient is and took.

@@ -7,7 +7,7 @@ from typing import Any
 
 from ngfsi.case import Case
 from ngfsi.errors import CaseError
-from ngfsi.gradient.adjoint import Gradient, Window, gradient_of
+from ngfsi.gradient.adjoint import Gradient, Window, gradient_of, wanted
 from ngfsi.gradient.parameters import parameters_of
 from ngfsi.solve.initial import Say
 from ngfsi.store.disk import explained
@@ -31,7 +31,7 @@ def gradient(case: Case, of: str, by: str, window: str, folder: Path, say: Say) 
     """
     from ngfsi.report.figures import bars
 
-    quantity, kind = wanted(of)
+    quantity, kind = wanted(of, KINDS)
     parameters = parameters_of(case, [one.strip() for one in by.split(",")])
     found = gradient_of(case, quantity, Window(kind, *_times(window, kind)), parameters, say)
     with explained(folder, "written"):
@@ -41,12 +41,6 @@ def gradient(case: Case, of: str, by: str, window: str, folder: Path, say: Say) 
     with explained(folder / CHART, "written"):
         bars(largest, f"change of {found.name} for 1 % of each parameter [%]", folder / CHART)
     return found
-
-
-def wanted(of: str) -> tuple[str, str]:
-    """Return the quantity that a name means, and what is made of it."""
-    name, _, kind = of.rpartition("_")
-    return (name, kind) if name and kind in KINDS else (of, "end")
 
 
 def _times(window: str, kind: str) -> tuple[float, ...]:

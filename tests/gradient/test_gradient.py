@@ -18,7 +18,7 @@ from ngfsi.conditions.openings import ResistanceOpening, WindkesselOpening
 from ngfsi.config.functions import FlowConstant, FlowWaveform, PressureConstant, PressureRamp, PressureTable
 from ngfsi.errors import CaseError
 from ngfsi.gradient import command
-from ngfsi.gradient.adjoint import Gradient, StoredStates, Window, gradient_of, same_mesh
+from ngfsi.gradient.adjoint import Gradient, StoredStates, Window, gradient_of, same_mesh, wanted
 from ngfsi.gradient.functionals import functionals_of, measured
 from ngfsi.gradient.parameters import Parameter, changed, parameters_of
 from ngfsi.materials.fluid.carreau_yasuda import CarreauYasuda
@@ -270,8 +270,8 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "sawss_mean = 0.0" in shown
     assert shown.index("loads.inlet_flow.value") < shown.index("materials.wall.young")
     assert (tmp_path / "out" / "gradient.png").stat().st_size > 1000
-    assert command.wanted("lumen_volume_loss") == ("lumen_volume", "loss")
-    assert command.wanted("area_z05") == ("area_z05", "end")
+    assert wanted("lumen_volume_loss", command.KINDS) == ("lumen_volume", "loss")
+    assert wanted("area_z05", command.KINDS) == ("area_z05", "end")
 
 
 @pytest.mark.parametrize(("window", "sentence"), [("1", "two times in seconds"), ("7,8", "no step of the run")])
