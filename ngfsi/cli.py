@@ -313,6 +313,47 @@ def calibrate(
 
 
 @app.command()
+def design(
+    case: Annotated[Path, typer.Argument(help="Case file in TOML.", metavar="CASE.toml")],
+    mean: Annotated[str, typer.Option(help="Mean pressure over the skin at most, with its unit.", metavar="12mmHg")],
+    high: Annotated[str, typer.Option(help="Highest pressure of a cuff, with its unit.", metavar="24mmHg")],
+    of: Annotated[
+        str, typer.Option("--of", metavar="QUANTITY", help="What is to be large: a quantity with a gradient.")
+    ] = "sawss",
+    cuffs: Annotated[str, typer.Option(help="Rings along the segment by sectors around it.")] = "4x14",
+    jump: Annotated[str, typer.Option(help="Largest difference of neighbours; default: any.", metavar="6mmHg")] = "",
+    loss: Annotated[float, typer.Option(help="Fraction of the lumen's volume that may be lost.", min=0, max=1)] = 0.25,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the pressures; default runs/design-<name>.", show_default=False),
+    ] = None,
+    quiet: Quiet = False,
+    changes: Changes = None,
+    _: Plugin = None,
+) -> None:
+    """Find pressures on the skin by gradients.
+
+    Which pressures of cuffs that cover the skin, of a bounded mean, make a quantity of the vein at rest largest.
+
+    Example: ngfsi design calf.toml --mean 12mmHg --high 24mmHg
+    """
+    from ngfsi.case import Case
+    from ngfsi.gradient import design_command as command
+    from ngfsi.gradient.design import Limits
+
+    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    limits = Limits(
+        mean=command.pressure(mean, "--mean"), high=command.pressure(high, "--high"), loss=loss,
+        jump=command.pressure(jump, "--jump") if jump else float("inf"),
+    )  # fmt: skip
+    folder = output or Path("runs") / f"design-{chosen.name}"
+    with _interruptible(folder):
+        found = command.design(chosen, of, cuffs, limits, folder, (lambda _: None) if quiet else _say)
+    typer.echo(command.sentence(found, of))
+    typer.echo(f"The pressures and the case under them are in '{folder}'")
+
+
+@app.command()
 def study(
     name: Annotated[str, typer.Argument(help="Name of the study, e.g. compare_tissues.")],
     level: Annotated[

@@ -147,6 +147,21 @@ def data_and_model(panels: Mapping[str, Mapping[str, Measurements]], path: Path)
     figure.savefig(path)
 
 
+def pressures_on_skin(angles: Array, heights: Array, pressures: Array, path: Path) -> None:
+    """Draw the pressures of fields of the unrolled skin.
+
+    Args:
+        angles, heights: ends of the fields (rad, m).
+        pressures: (heights - 1, angles - 1) Pa.
+    """
+    angle, height, pressure = Shown("angle from x, lateral", "deg"), Shown("height", "mm"), Shown("pressure", "mmHg")
+    figure, axes = new_figure(6.4, 3.4)
+    drawn = axes.pcolormesh(angle(angles), height(heights), pressure(pressures), cmap="cividis", vmin=0)
+    axes.set(xlabel=angle.label, ylabel=height.label, xticks=(-180, -90, 0, 90, 180))
+    figure.colorbar(drawn, ax=axes, label=pressure.label)
+    figure.savefig(path)
+
+
 MOST_PANELS = 14
 """Inputs that fit beside each other."""
 
