@@ -1,4 +1,4 @@
-"""Command line: `ngfsi new`, `check`, `run`, `resume`, `gradient`, `study`, `verify`, `info`, `report` and others.
+"""Command line: `ngfsi new`, `check`, `run`, `resume`, `gradient`, `calibrate`, `study`, `verify`, `report` and others.
 
 Whatever goes wrong ends in one sentence on standard error. Exit codes: 0 done, 2 the input is at fault, 3 the
 equations could not be solved, 4 stopped before its end as asked (--max-wall, a file STOP), 130 interrupted by Ctrl-C,
@@ -260,6 +260,97 @@ def gradient(
         found = command.gradient(chosen, of, by, window, folder, (lambda _: None) if quiet else _say)
     console().print(command.table(found))
     typer.echo(f"The numbers and a chart are in '{folder}'")
+
+
+@app.command()
+def calibrate(
+    case: Annotated[Path, typer.Argument(help="Case file in TOML.", metavar="CASE.toml")],
+    data: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE.csv",
+            help="Rows by time_s or skin_pressure_mmHg, columns as of series.csv with their standard errors: "
+            "area_z05_mm2,area_z05_error_mm2.",
+        ),
+    ],
+    by: Annotated[str, typer.Option("--by", metavar="PARAMETERS", help="Keys of the case, with commas.")],
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=LOW,HIGH", help="Between which a parameter is looked for; may be given again."),
+    ] = None,
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=MEAN,SD", help="What is known of a parameter before; may be given again."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the report; default runs/calibrate-<name>.", show_default=False),
+    ] = None,
+    quiet: Quiet = False,
+    changes: Changes = None,
+    _: Plugin = None,
+) -> None:
+    """Find parameters from measured values.
+
+    By least squares, with standard deviations, correlations and what the data do not tell. The search begins with the
+    values of the case. Columns with a gradient are areas of the lumen, flows, pressures and wall shear stress, alone or
+    since the start with _loss or _change. Keys of --bounds and --prior carry their units.
+
+    Example: ngfsi calibrate calf.toml --data areas.csv --by materials.tissue.K,materials.wall.young --prior
+    materials.wall.young_MPa=0.6,0.2
+    """
+    from ngfsi.case import Case
+    from ngfsi.gradient import calibrate as command
+    from ngfsi.report.terminal import console
+
+    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    folder = output or Path("runs") / f"calibrate-{chosen.name}"
+    say = (lambda _: None) if quiet else _say
+    with _interruptible(folder):
+        found = command.run(chosen, data, by, bounds or (), prior or (), folder, say)
+    console().print(command.table(found))
+    typer.echo(f"The report and the calibrated case are in '{folder}'")
+
+
+@app.command()
+def design(
+    case: Annotated[Path, typer.Argument(help="Case file in TOML.", metavar="CASE.toml")],
+    mean: Annotated[str, typer.Option(help="Mean pressure over the skin at most, with its unit.", metavar="12mmHg")],
+    high: Annotated[str, typer.Option(help="Highest pressure of a cuff, with its unit.", metavar="24mmHg")],
+    of: Annotated[
+        str, typer.Option("--of", metavar="QUANTITY", help="What is to be large: a quantity with a gradient.")
+    ] = "sawss",
+    cuffs: Annotated[str, typer.Option(help="Rings along the segment by sectors around it.")] = "4x14",
+    jump: Annotated[str, typer.Option(help="Largest difference of neighbours; default: any.", metavar="6mmHg")] = "",
+    loss: Annotated[float, typer.Option(help="Fraction of the lumen's volume that may be lost.", min=0, max=1)] = 0.25,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the pressures; default runs/design-<name>.", show_default=False),
+    ] = None,
+    quiet: Quiet = False,
+    changes: Changes = None,
+    _: Plugin = None,
+) -> None:
+    """Find pressures on the skin by gradients.
+
+    Which pressures of cuffs that cover the skin, of a bounded mean, make a quantity of the vein at rest largest.
+
+    Example: ngfsi design calf.toml --mean 12mmHg --high 24mmHg
+    """
+    from ngfsi.case import Case
+    from ngfsi.gradient import design_command as command
+    from ngfsi.gradient.design import Limits
+
+    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    limits = Limits(
+        mean=command.pressure(mean, "--mean"), high=command.pressure(high, "--high"), loss=loss,
+        jump=command.pressure(jump, "--jump") if jump else float("inf"),
+    )  # fmt: skip
+    folder = output or Path("runs") / f"design-{chosen.name}"
+    with _interruptible(folder):
+        found = command.design(chosen, of, cuffs, limits, folder, (lambda _: None) if quiet else _say)
+    typer.echo(command.sentence(found, of))
+    typer.echo(f"The pressures and the case under them are in '{folder}'")
 
 
 @app.command()

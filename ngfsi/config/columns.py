@@ -50,6 +50,25 @@ def first_columns(path: Path, count: int) -> list[tuple[str, list[float]]]:
     return [(unit, _numbers(path, head, body, place)) for place, unit in enumerate(units)]
 
 
+def all_columns(path: Path) -> dict[str, tuple[str, Array]]:
+    """Return the unit of each column of a CSV file, and its numbers in SI, by the name without unit; NaN in empty ones.
+
+    Raises:
+        OutputError: the file cannot be read, a column has no unit, or a cell holds something else than a finite number.
+    """
+    head, body = _read(path)
+    found: dict[str, tuple[str, Array]] = {}
+    for place, column in enumerate(head):
+        unit = unit_of(column)
+        if not unit:
+            raise OutputError(
+                f"'{path}': the column '{column}' has no unit: name it {column}_mm2, or whatever its unit is"
+            )
+        values = _numbers(path, head, body, place, empty=np.nan)
+        found[column.removesuffix(f"_{unit}")] = unit, np.array([to_si(value, unit) for value in values])
+    return found
+
+
 def _read(path: Path) -> tuple[list[str], list[list[str]]]:
     """Return the head of a CSV file, and the rows below."""
     try:
@@ -60,10 +79,14 @@ def _read(path: Path) -> tuple[list[str], list[list[str]]]:
     return head, body
 
 
-def _numbers(path: Path, head: list[str], body: list[list[str]], place: int) -> list[float]:
+def _numbers(path: Path, head: list[str], body: list[list[str]], place: int, empty: float | None = None) -> list[float]:
+    """Return the numbers of a column; `empty`: what stands for an empty cell, default: it is refused."""
     values = []
     for line, row in enumerate(body, start=2):
         text = row[place] if place < len(row) else ""
+        if empty is not None and not text:
+            values.append(empty)
+            continue
         try:
             values.append(float(text))
         except ValueError:

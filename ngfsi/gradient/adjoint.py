@@ -41,6 +41,7 @@ from ngfsi.solve.newton import WEIGHT_DRIFT, Newton
 from ngfsi.solve.time_loop import Solved, TimeLoop
 from ngfsi.system.schemes import STAGES, Weights
 from ngfsi.system.system import System
+from ngfsi.units import SAME_TIME
 
 TOLERANCE, OF_SOLIDS = 1e-9, 1e-12
 """Of Newton's method at most, with blood, whose pressure rounds its velocity, and without: the gradient is of states
@@ -101,9 +102,9 @@ class Window:
     """What is made of a quantity over time: its mean over a window, or its change from the start to the end.
 
     Attributes:
-        start, end: s.
-        kind: mean: by the trapezoidal rule over the steps in the window; end: the last value; change: the last less the
-            first; loss: the fraction of the first that is lost.
+        start, end: s; the end at infinity is that of the run.
+        kind: mean: by the trapezoidal rule over the steps in the window; end: the value at the end, linear between
+            steps; change: that less the first; loss: the fraction of the first that is lost.
     """
 
     kind: str = "end"
@@ -123,16 +124,24 @@ class Window:
             slopes[inside[1:]] += sizes / 2
             slopes = slopes / sizes.sum() if len(sizes) else np.where(np.arange(len(times)) == inside[0], 1.0, 0.0)
             return float(slopes @ values), slopes
-        first, last = values[0], values[-1]
-        slopes[-1] = 1.0
+        after = min(max(int(np.searchsorted(times, self.end - SAME_TIME)), 1), len(times) - 1)
+        done = min(max((self.end - times[after - 1]) / (times[after] - times[after - 1]), 0.0), 1.0)
+        slopes[after - 1], slopes[after] = 1.0 - done, done
+        first, last = values[0], slopes @ values
         if self.kind == "end":
             return float(last), slopes
-        slopes[0] -= 1.0
         if self.kind == "change":
+            slopes[0] -= 1.0
             return float(last - first), slopes
-        slopes[:] = 0.0
-        slopes[0], slopes[-1] = last / first**2, -1 / first
+        slopes /= -first
+        slopes[0] += last / first**2
         return float(1 - last / first), slopes
+
+
+def wanted(of: str, kinds: Sequence[str]) -> tuple[str, str]:
+    """Return the quantity that a name means, and what is made of it."""
+    name, _, kind = of.rpartition("_")
+    return (name, kind) if name and kind in kinds else (of, "end")
 
 
 @dataclass
@@ -182,11 +191,11 @@ def check_supported(case: Case) -> None:
 class StoredStates:
     """A run whose states are kept in memory."""
 
-    def __init__(self, case: Case, domain: Domain, say: Say = silent, quantity: str = "") -> None:
+    def __init__(self, case: Case, domain: Domain, say: Say = silent, quantities: Sequence[str] = ()) -> None:
         """Compute the run.
 
         Args:
-            quantity: that is looked for first; default: none is.
+            quantities: that are looked for first, and with whose derivatives the gradients begin.
 
         Raises:
             CaseError: a gradient does not know something in the case.
@@ -201,8 +210,7 @@ class StoredStates:
             if model.state_arrays():
                 raise CaseError(f"a gradient does not know the internal variables of the solid '{name}', as those of "
                                 "materials.*.viscosity.moduli: leave them out; kelvin_voigt is known")  # fmt: skip
-        if quantity:
-            measured(system, quantity)
+        self.measured = {name: measured(system, name) for name in quantities}
         linear = choose_backend(case.solver.linear)
         if BACKENDS[linear].iterates:
             raise CaseError(f"a gradient needs factors to transpose: solver.linear = '{linear}' iterates, use 'auto'")
@@ -243,6 +251,15 @@ class StoredStates:
         """Of the accepted states (s)."""
         return np.array([self.moments[number].time for number in self.accepted])
 
+    def values(self) -> dict[str, Array]:
+        """Return each quantity at the accepted states (SI)."""
+        found: dict[str, list[float]] = {name: [] for name in self.measured}
+        for number in self.accepted:
+            self.show(number)
+            for name, one in self.measured.items():
+                found[name].append(one.value())
+        return {name: np.array(values) for name, values in found.items()}
+
     def show(self, number: int, system: System | None = None) -> None:
         """Let a system hold a moment: that of the run, or one of a case with other constants, with its own loads."""
         system, moment = system or self.system, self.moments[number]
@@ -258,14 +275,13 @@ class StoredStates:
 class Varied:
     """Two systems in whose cases a parameter is larger and smaller."""
 
-    def __init__(self, parameter: Parameter, run: StoredStates, quantity: str, present: Measured) -> None:
-        """Prepare; `present`: the quantity of the run itself."""
-        self.parameter, self._run, self._present = parameter, run, present
+    def __init__(self, parameter: Parameter, run: StoredStates) -> None:
+        self.parameter, self._run = parameter, run
         self._pair = [self._system(case) for case in parameter.varied(run.case)]
-        path, self._measured = parameter.path, list[Measured]()
+        path, self._measured = parameter.path, dict[str, list[Measured]]()
         self._counts = path[0] != "materials" or path[1] == "fluid"
         if self._counts and path[0] in ("materials", "geometry"):
-            self._measured = [measured(system, quantity) for system in self._pair]
+            self._measured = {name: [measured(system, name) for system in self._pair] for name in run.measured}
 
     def _system(self, case: Case) -> System:
         domain, first = self._run.domain, self.parameter.path[0]
@@ -290,15 +306,16 @@ class Varied:
             products.append(product - multipliers @ system.unknowns.arranged(system.apply()))
         return float(products[0] - products[1]) / (2 * self.parameter.step)
 
-    def measured_slope(self, number: int) -> float:
-        """Return the derivative of the quantity at a moment, whose state is held."""
+    def measured_slope(self, number: int, name: str) -> float:
+        """Return the derivative of a quantity at a moment, whose state is held."""
         if not self._counts:
             return 0.0
         values = []
         for place, system in enumerate(self._pair):
             self._run.show(number, system)
             system.values[:] = self._run.moments[number].state
-            values.append(self._measured[place].value() if self._measured else self._present.under(system))
+            own = self._measured.get(name)
+            values.append(own[place].value() if own else self._run.measured[name].under(system))
         return (values[0] - values[1]) / (2 * self.parameter.step)
 
 
@@ -339,11 +356,15 @@ def same_mesh(case: Case, domain: Domain, name: str) -> Domain:
 
 
 class Adjoint:
-    """The adjoint equations of a run."""
+    """The adjoint equations of a run.
 
-    def __init__(self, run: StoredStates, quantity: str, window: Window) -> None:
-        self.run, self.quantity, self.window = run, quantity, window
-        self.measured = measured(run.system, quantity)
+    Attributes:
+        iterations: of each moment that was solved for.
+        seconds: that the parameters took.
+    """
+
+    def __init__(self, run: StoredStates, parameters: Sequence[Parameter]) -> None:
+        self.run = run
         self.lagrangian = Lagrangian(run.case, run.domain)
         self._free, self._factors = run.free, run.factors
         self._factored = run.system.new_weight.Get()
@@ -353,47 +374,45 @@ class Adjoint:
         self._by_relaxation = np.zeros(run.system.unknowns.size)
         self._random = np.random.default_rng(0)
         self._right, self._result = (run.system.state.vec.CreateVector() for _ in range(2))
+        started = perf_counter()
+        self._varied = [Varied(one, run) for one in parameters]
+        self.seconds = perf_counter() - started
 
-    def gradient(self, parameters: Sequence[Parameter], say: Say = silent) -> Gradient:
-        """Return the derivatives of the quantity by parameters.
+    def derivatives(self, weights: Mapping[str, Array], say: Say = silent) -> Array:
+        """Return the derivatives by the parameters of a number that is made of quantities, by one sweep backwards.
+
+        Args:
+            weights: of each quantity, the derivatives of the number by its values at the accepted states. Of a misfit
+                they are the weighted gaps: a sweep is the same for one measured value and for all.
 
         Raises:
             CaseError: something acts of which the derivative is not known; says when.
             SolverError: the adjoint equations could not be solved.
         """
-        run = self.run
-        started = perf_counter()
-        varied = [Varied(one, run, self.quantity, self.measured) for one in parameters]
-        setting_up = perf_counter() - started
-        values = []
-        for number in run.accepted:
-            run.show(number)
-            values.append(self.measured.value())
-        value, weights = self.window.weights(run.times, np.array(values))
-        slopes = dict(zip(run.accepted, weights, strict=True))
-        found = {one.name: 0.0 for one in parameters}
+        run, found = self.run, np.zeros(len(self._varied))
+        slopes: dict[int, dict[str, float]] = defaultdict(dict)
+        for name, by_state in weights.items():
+            for number, slope in zip(run.accepted, by_state, strict=True):
+                if slope:
+                    slopes[number][name] = slope
+        self._by_relaxation[:] = 0.0
         owed: Owed = defaultdict(lambda: np.zeros((3, run.system.unknowns.size)))
         for number in reversed(range(len(run.moments))):
+            prestressed = number == 0 and run.relaxation is not None
+            if not (slopes[number] or number in owed or prestressed):
+                continue  # nothing measured depends on this state
             run.show(number)
-            slope = slopes.get(number, 0.0)
-            multipliers, by_state = self._step(number, slope, owed)
+            multipliers, by_state = self._step(number, slopes[number], owed)
             before = perf_counter()
-            for one in varied:
-                found[one.parameter.name] += one.slopes(number, multipliers, by_state)
-                if slope:
-                    found[one.parameter.name] += slope * one.measured_slope(number)
-            setting_up += perf_counter() - before
+            for place, one in enumerate(self._varied):
+                found[place] += one.slopes(number, multipliers, by_state)
+                for name, slope in slopes[number].items():
+                    found[place] += slope * one.measured_slope(number, name)
+            self.seconds += perf_counter() - before
             say(f"t = {run.moments[number].time:.6g} s: {self.iterations[-1]} iterations")
-        whole = perf_counter() - started
-        unit = self.measured.unit if self.window.kind != "loss" else "1"
-        stored = sum(3 * moment.state.nbytes for moment in run.moments) / 1e6
-        return Gradient(
-            self.quantity if self.window.kind == "end" else f"{self.quantity}_{self.window.kind}", unit, value,
-            list(parameters), found, {"adjoint": whole - setting_up, "parameters": setting_up},
-            float(np.mean(self.iterations)), self.factorisations, len(run.moments), stored,
-        )  # fmt: skip
+        return found
 
-    def _step(self, number: int, slope: float, owed: Owed) -> tuple[Array, Array]:
+    def _step(self, number: int, slopes: Mapping[str, float], owed: Owed) -> tuple[Array, Array]:
         """Solve for the multipliers of a moment, and let earlier ones owe theirs; return the multipliers, and the
         derivative of quantity and equations by the unknowns, which is left of those that are prescribed."""
         run, system, lagrangian = self.run, self.run.system, self.lagrangian
@@ -402,10 +421,10 @@ class Adjoint:
         by_rate = by_rate + moment.new * by_acceleration
         by_state = by_state + moment.new * by_rate
         by_histories = [by_rate, by_acceleration]
-        if slope:
-            state, history = self.measured.gradient()
+        for name, slope in slopes.items():
+            state, history = run.measured[name].gradient()
             by_state += slope * state
-            by_histories[0] = by_rate + slope * history
+            by_histories[0] = by_histories[0] + slope * history
         lagrangian.restore(system.snapshot())
         self._find_followers()
         if number == 0 and run.relaxation is not None:
@@ -457,11 +476,12 @@ class Adjoint:
             self.iterations.append(0)
             return found
         by_state = by_state - self._derivative(found)
+        others = self._free, self._factors, self._factored
         self._free, unknowns = system.unknowns.free(*flow), system.unknowns
         self._factors = Factorisation(system.tangent, self._free, backend, unknowns.equations, less=unknowns.less)
         self._renew()
         found += self._solve(np.where(self._free, by_state, 0.0))
-        self._free = self.run.free
+        self._free, self._factors, self._factored = others  # of a further sweep
         return found
 
     def _solve(self, right: Array) -> Array:
@@ -577,20 +597,33 @@ class Adjoint:
 
 
 def gradient_of(
-    case: Case, quantity: str, window: Window, parameters: Sequence[Parameter], say: Say = silent
-) -> Gradient:
+    case: Case, quantity: str, window: Window, parameters: Sequence[Parameter], say: Say = silent,
+    domain: Domain | None = None,
+) -> Gradient:  # fmt: skip
     """Return the gradient of a quantity of a run by parameters of its case.
+
+    Args:
+        domain: of the case; default: it is made.
 
     Raises:
         CaseError: what is asked for is not there, or not known to gradients.
         MeshError, SolverError: as for a run.
     """
     check_supported(case)
-    domain = Domain.build(case.geometry)
+    domain = domain or Domain.build(case.geometry)
     with ng.TaskManager():
         started = perf_counter()
-        run = StoredStates(case, domain, say, quantity)
-        forward = perf_counter() - started
-        found = Adjoint(run, quantity, window).gradient(parameters, say)
-    found.seconds = {"run": forward, **found.seconds}
-    return found
+        run = StoredStates(case, domain, say, [quantity])
+        ran = perf_counter()
+        value, weights = window.weights(run.times, run.values()[quantity])
+        adjoint = Adjoint(run, parameters)
+        derivatives = adjoint.derivatives({quantity: weights}, say)
+        swept = perf_counter() - ran - adjoint.seconds
+    return Gradient(
+        quantity if window.kind == "end" else f"{quantity}_{window.kind}",
+        run.measured[quantity].unit if window.kind != "loss" else "1", value, list(parameters),
+        dict(zip((one.name for one in parameters), derivatives.tolist(), strict=True)),
+        {"run": ran - started, "adjoint": swept, "parameters": adjoint.seconds},
+        float(np.mean(adjoint.iterations)), adjoint.factorisations, len(run.moments),
+        sum(3 * moment.state.nbytes for moment in run.moments) / 1e6,
+    )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 
 from ngfsi.case import Case
 from ngfsi.errors import CaseError
-from ngfsi.gradient.adjoint import Gradient, Window, gradient_of
+from ngfsi.gradient.adjoint import Gradient, Window, gradient_of, wanted
 from ngfsi.gradient.parameters import parameters_of
 from ngfsi.solve.initial import Say
 from ngfsi.store.disk import explained
@@ -16,7 +16,7 @@ from ngfsi.units import symbol
 
 KINDS = ("mean", "change", "loss")
 """What may be made of a quantity, other than its value at the end."""
-NUMBERS, CHART = "gradient.csv", "gradient.png"
+CHART = "gradient.png"
 SHOWN = 40
 """Bars of the chart at most."""
 
@@ -29,24 +29,19 @@ def gradient(case: Case, of: str, by: str, window: str, folder: Path, say: Say) 
         OutputError: the folder cannot be written.
         MeshError, SolverError: as for a run.
     """
+    from ngfsi.report.charts import GRADIENT
     from ngfsi.report.figures import bars
 
-    quantity, kind = wanted(of)
+    quantity, kind = wanted(of, KINDS)
     parameters = parameters_of(case, [one.strip() for one in by.split(",")])
     found = gradient_of(case, quantity, Window(kind, *_times(window, kind)), parameters, say)
     with explained(folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
-    write_rows(folder / NUMBERS, rows(found))
+    write_rows(folder / GRADIENT, rows(found))
     largest = dict(list(found.elasticities().items())[:SHOWN])
     with explained(folder / CHART, "written"):
         bars(largest, f"change of {found.name} for 1 % of each parameter [%]", folder / CHART)
     return found
-
-
-def wanted(of: str) -> tuple[str, str]:
-    """Return the quantity that a name means, and what is made of it."""
-    name, _, kind = of.rpartition("_")
-    return (name, kind) if name and kind in KINDS else (of, "end")
 
 
 def _times(window: str, kind: str) -> tuple[float, ...]:
@@ -64,7 +59,7 @@ def _times(window: str, kind: str) -> tuple[float, ...]:
 def rows(found: Gradient) -> list[dict[str, float | str]]:
     """Return a row for each parameter, largest elasticity first."""
     by_name = {one.name: one for one in found.parameters}
-    return [{"parameter": name, "value": by_name[name].value, "unit": by_name[name].unit,
+    return [{"quantity": found.name, "parameter": name, "value": by_name[name].value, "unit": by_name[name].unit,
              "derivative": found.derivatives[name], "elasticity": elasticity}
             for name, elasticity in found.elasticities().items()]  # fmt: skip
 

@@ -6,6 +6,7 @@ series.csv without the unit, and has its value (tests/gradient hold that).
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,7 +30,10 @@ from ngfsi.physics.fields import MOTION, PRESSURE, VELOCITY, Fields, Named
 from ngfsi.physics.integrals import Integral, rules
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
+from ngfsi.units import in_unit, to_si
 
+AT_HEIGHT = re.compile(r"area_at_(\d+(?:\.\d+)?)mm")
+"""Area of the lumen at a distance along the centreline."""
 SMALL = 1e-30
 """Step of a derivative by a complex argument."""
 
@@ -215,13 +219,17 @@ def measured(system: System, name: str) -> Measured:
     known = functionals_of(system)
     if name in known:
         return OfIntegrals(system, *known[name])
-    areas: dict[str, tuple[Vessel, int]] = {}
+    areas: dict[str, tuple[Vessel, int | float]] = {}
     if system.domain.mesh.dim == 3:
-        areas = {f"{v.name}_area_z{n:02d}".removeprefix("_"): (v, n)
-                 for v in system.domain.vessels if v.lumen and not v.branched for n in range(STATIONS)}  # fmt: skip
+        for vessel in system.domain.vessels:
+            if vessel.lumen and not vessel.branched:
+                prefix = f"{vessel.name}_" if vessel.name else ""
+                areas |= {f"{prefix}area_z{n:02d}": (vessel, n) for n in range(STATIONS)}
+                if height := AT_HEIGHT.fullmatch(name.removeprefix(prefix)):
+                    areas[name] = vessel, to_si(float(height[1]), "mm")
     if name in areas:
         return Area(system, *areas[name])
-    raise CaseError(f"--of: {unknown('quantity with a gradient', name, [*known, *areas])}")
+    raise CaseError(unknown("quantity with a gradient", name, [*known, *areas]))
 
 
 class OfIntegrals(Measured):
@@ -278,10 +286,19 @@ class Area(Measured):
 
     unit = "m2"
 
-    def __init__(self, system: System, vessel: Vessel, station: int) -> None:
+    def __init__(self, system: System, vessel: Vessel, place: int | float) -> None:
+        """Prepare; `place`: the number of the station, or the height along the centreline (m).
+
+        Raises:
+            CaseError: the vessel does not reach so far.
+        """
         self._system = system
         line = find_centrelines(system.domain, vessel)[0]
-        self._sections = Sections(system, vessel, line, line.stations(STATIONS)[[station]])
+        if isinstance(place, float) and not 0 <= place <= line.length:
+            raise CaseError(f"{in_unit(place, 'mm')} is not on the centreline of the vessel, from 0 to "
+                            f"{in_unit(line.length, 'mm')}")  # fmt: skip
+        positions = np.array([place]) if isinstance(place, float) else line.stations(STATIONS)[[place]]
+        self._sections = Sections(system, vessel, line, positions)
 
     def value(self) -> float:
         self._sections.refresh()

@@ -11,7 +11,7 @@ from ngfsi.case import Case
 from ngfsi.config.functions import Curve, Waveform
 from ngfsi.config.model import ConfigModel, dimension_of_field, keys_of
 from ngfsi.errors import CaseError, NgfsiError, unknown
-from ngfsi.units import SI_SUFFIX
+from ngfsi.units import SI_SUFFIX, to_si
 
 ROOMS = ("materials", "loads", "conditions", "geometry")
 """Parts of a case whose numbers are parameters of the model."""
@@ -132,9 +132,43 @@ def _owner(case: Case, path: tuple[str, ...]) -> tuple[ConfigModel, str]:
 
 def _distances(owner: ConfigModel, field: str, value: float) -> list[float]:
     """Return the distances of a number to the ends of its range."""
-    ends = [getattr(limit, name) for limit in type(owner).model_fields[field].metadata
-            for name in ("gt", "ge", "lt", "le") if hasattr(limit, name)]  # fmt: skip
-    return [inf, *(abs(value - end) for end in ends if value != end)]
+    return [abs(value - end) for end in _ends(owner, field) if value != end]
+
+
+def _ends(owner: ConfigModel, field: str) -> tuple[float, float]:
+    """Return the range of a number."""
+    ends = {"gt": -inf, "ge": -inf, "lt": inf, "le": inf}
+    for limit in type(owner).model_fields[field].metadata:
+        ends |= {name: getattr(limit, name) for name in ends if hasattr(limit, name)}
+    return max(ends["gt"], ends["ge"]), min(ends["lt"], ends["le"])
+
+
+def bounds_of(case: Case, parameter: Parameter) -> tuple[float, float]:
+    """Return the range of a parameter by its own definition (SI)."""
+    return _ends(*_owner(case, parameter.path))
+
+
+def two_numbers(case: Case, written: str, option: str) -> tuple[str, tuple[float, float]]:
+    """Return the name of a parameter and the two numbers (SI) that are written as KEY=NUMBER,NUMBER.
+
+    The unit is that of the key, as in `materials.tissue.K_kPa=30,5`; SI without one.
+
+    Raises:
+        CaseError: it is not written so, or the key is none of a number.
+    """
+    key, _, numbers = written.partition("=")
+    try:
+        first, second = map(float, numbers.split(","))
+    except ValueError:
+        raise CaseError(f"{option} {written} is not understood: write KEY=NUMBER,NUMBER, e.g. "
+                        "materials.tissue.K_kPa=30,5") from None  # fmt: skip
+    keys = key.split(".")
+    path, part = _resolved(case, keys, key)
+    if not isinstance(part, float):
+        raise CaseError(f"{option} {written}: '{key}' is no number")
+    owner, field = _owner(case, path)
+    unit = keys_of(type(owner))[keys[len(path) - 1 - path[::-1].index(field)]].unit
+    return ".".join(path), (first, second) if unit is None else (to_si(first, unit), to_si(second, unit))
 
 
 def _scale(case: Case, path: tuple[str, ...]) -> float:

@@ -34,6 +34,7 @@ from ngfsi.report.shapes import (
 )
 from ngfsi.store.fields import COLLAPSE
 from ngfsi.store.stored import StoredRun
+from ngfsi.store.table import read_rows
 from ngfsi.store.vessels import Frame
 from ngfsi.units import Shown, in_unit, symbol
 
@@ -46,6 +47,8 @@ LONGEST = 1.9
 """Longest side of a scene, in plotly's units."""
 CUT_POINTS = 181
 """Points across a cut."""
+GRADIENT, MOST_BARS = "gradient.csv", 40
+"""File of a gradient, and how many of its parameters are drawn."""
 MODE_DRAWN = 0.4
 """Largest motion of a mode that is drawn, over the size of the geometry: of a vein, the lumen's radius."""
 
@@ -98,6 +101,19 @@ def along_vein(runs: Runs, name: str, shown: Shown) -> go.Figure:
             text = f"{title}, {_at(run.series['time_s'][row])}"
             _line(figure, (POSITION, shown), positions, values[row], text, colour, dash, "lines+markers")
     return figure
+
+
+def elasticities(runs: Runs) -> go.Figure:
+    """Return a bar for each parameter of the gradient that lies in the folder of a run, the largest on top."""
+    (run,) = runs.values()
+    rows = read_rows(run.path / GRADIENT)[:MOST_BARS]
+    names = [str(row["parameter"]) for row in rows]
+    values = [float(row["elasticity"]) for row in rows]
+    colours = [COLOURS[int(value < 0)] for value in values]
+    figure = _figure(Shown(f"change of {rows[0]['quantity']} for 1 % of each parameter", "percent"), Shown("", "1"))
+    figure.add_bar(x=values, y=names, orientation="h", marker_color=colours)
+    figure.update_yaxes(autorange="reversed", automargin=True)
+    return figure.update_layout(height=160 + 22 * len(rows))
 
 
 def tube_law(runs: Runs) -> go.Figure:

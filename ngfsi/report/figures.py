@@ -112,6 +112,56 @@ def bars(values: Mapping[str, float], label: str, path: Path) -> None:
     figure.savefig(path)
 
 
+@dataclass(frozen=True)
+class Measurements:
+    """Values measured over time with their standard errors, and those of a model before and after it was fitted."""
+
+    times: list[float]
+    measured: list[float]
+    errors: list[float]
+    before: list[float]
+    after: list[float]
+
+    def add(self, time: float, measured: float, error: float, before: float, after: float) -> None:
+        """Add one."""
+        for values, value in zip(
+            (self.times, self.measured, self.errors, self.before, self.after), (time, measured, error, before, after),
+            strict=True,
+        ):  # fmt: skip
+            values.append(value)
+
+
+def data_and_model(panels: Mapping[str, Mapping[str, Measurements]], path: Path) -> None:
+    """Draw measured values with their errors and the model's: a panel per title, a colour per label."""
+    figure, spaces, _ = new_panels(len(panels), 3, (4.4, 3.4), (0.0, 0.0))
+    for panel, (title, lines) in zip(spaces, panels.items(), strict=False):
+        for number, (label, one) in enumerate(lines.items()):
+            colour = COLOURS[number % len(COLOURS)]
+            panel.errorbar(one.times, one.measured, one.errors, fmt="o", color=colour, markersize=3, label=label)
+            panel.plot(one.times, one.before, ":", color=colour, linewidth=1)
+            panel.plot(one.times, one.after, "-", color=colour, linewidth=1)
+        panel.set_ylabel(title)
+        panel.set_xlabel("time [s]")
+        if any(lines):
+            panel.legend(fontsize=6, frameon=False)
+    figure.savefig(path)
+
+
+def pressures_on_skin(angles: Array, heights: Array, pressures: Array, path: Path) -> None:
+    """Draw the pressures of fields of the unrolled skin.
+
+    Args:
+        angles, heights: ends of the fields (rad, m).
+        pressures: (heights - 1, angles - 1) Pa.
+    """
+    angle, height, pressure = Shown("angle from x, lateral", "deg"), Shown("height", "mm"), Shown("pressure", "mmHg")
+    figure, axes = new_figure(6.4, 3.4)
+    drawn = axes.pcolormesh(angle(angles), height(heights), pressure(pressures), cmap="cividis", vmin=0)
+    axes.set(xlabel=angle.label, ylabel=height.label, xticks=(-180, -90, 0, 90, 180))
+    figure.colorbar(drawn, ax=axes, label=pressure.label)
+    figure.savefig(path)
+
+
 MOST_PANELS = 14
 """Inputs that fit beside each other."""
 

@@ -359,6 +359,9 @@ CHARTS = (
           "Solid: this run; dashed: mass, momentum, the best tube law against the skin, and unsteady laminar friction "
           "along the vein, with the same loads. Table: gap of the mean over time, and root mean square, over the mean "
           "of the three-dimensional run. Coarse steps damp the swinging of the blood there."),
+    Chart("What the result depends on", "run", charts.elasticities,
+          lambda run: (run.path / charts.GRADIENT).exists(),
+          "By the adjoint of the whole run; `ngfsi gradient CASE -o RUN` leaves it in the folder of the run."),
 )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from ngfsi.conditions.openings import ResistanceOpening, WindkesselOpening
 from ngfsi.config.functions import FlowConstant, FlowWaveform, PressureConstant, PressureRamp, PressureTable
 from ngfsi.errors import CaseError
 from ngfsi.gradient import command
-from ngfsi.gradient.adjoint import Adjoint, Gradient, StoredStates, Window, gradient_of, same_mesh
+from ngfsi.gradient.adjoint import Gradient, StoredStates, Window, gradient_of, same_mesh, wanted
 from ngfsi.gradient.functionals import functionals_of, measured
 from ngfsi.gradient.parameters import Parameter, changed, parameters_of
 from ngfsi.materials.fluid.carreau_yasuda import CarreauYasuda
@@ -44,18 +44,15 @@ WINDKESSEL = WindkesselOpening(
 
 def gradient(case: Case, quantity: str, window: Window, by: str, domain: Domain | None = None) -> Gradient:
     """Return the gradient of a run in this process."""
-    run = StoredStates(case, domain or domain_of(case.geometry))
-    return Adjoint(run, quantity, window).gradient(parameters_of(case, by.split(",")))
+    return gradient_of(
+        case, quantity, window, parameters_of(case, by.split(",")), domain=domain or domain_of(case.geometry)
+    )
 
 
 def value(case: Case, quantity: str, window: Window) -> float:
     """Return the quantity of a run."""
-    run = StoredStates(case, domain_of(case.geometry))
-    what, values = measured(run.system, quantity), []
-    for number in run.accepted:
-        run.show(number)
-        values.append(what.value())
-    return window.weights(run.times, np.array(values))[0]
+    run = StoredStates(case, domain_of(case.geometry), quantities=[quantity])
+    return window.weights(run.times, run.values()[quantity])[0]
 
 
 def moved(case: Case, parameters: Sequence[Parameter], changes: Sequence[float] | Array) -> Case:
@@ -273,8 +270,8 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "sawss_mean = 0.0" in shown
     assert shown.index("loads.inlet_flow.value") < shown.index("materials.wall.young")
     assert (tmp_path / "out" / "gradient.png").stat().st_size > 1000
-    assert command.wanted("lumen_volume_loss") == ("lumen_volume", "loss")
-    assert command.wanted("area_z05") == ("area_z05", "end")
+    assert wanted("lumen_volume_loss", command.KINDS) == ("lumen_volume", "loss")
+    assert wanted("area_z05", command.KINDS) == ("area_z05", "end")
 
 
 @pytest.mark.parametrize(("window", "sentence"), [("1", "two times in seconds"), ("7,8", "no step of the run")])

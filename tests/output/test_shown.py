@@ -423,8 +423,25 @@ def test_pressure_around(run: StoredRun, sections: dict[str, list[Any]]) -> None
 IN_SPACE = {
     "Vein in 3-D: odd", "Solids in 3-D: odd", "Mode of collapse: odd", "Wall shear stress on the unrolled vein",
     "Hydrostatic pressure of the solids", "Pressure of the tissue around the vein", "In one dimension",
+    "What the result depends on",
 }  # fmt: skip
 """Charts that have a test of their own."""
+
+
+def test_gradient(tmp_path: Path) -> None:
+    """A bar for each row of gradient.csv, in the folder of a run, in its order from above."""
+    (chart,) = (chart for chart in CHARTS if chart.title == "What the result depends on")
+    run: Any = SimpleNamespace(path=tmp_path)
+    assert not chart.has(run)
+    (tmp_path / "gradient.csv").write_text(
+        "quantity,parameter,value,unit,derivative,elasticity\nsawss_mean,a.b,2,Pa,3,0.5\nsawss_mean,c,1,1,1,-0.25\n"
+    )
+    assert chart.has(run)
+    figure = json.loads(chart.make({"odd": run}).to_json())
+    (bars,) = figure["data"]
+    assert (bars["orientation"], bars["y"], list(numbers(bars["x"]))) == ("h", ["a.b", "c"], [0.5, -0.25])
+    assert figure["layout"]["xaxis"]["title"]["text"] == "change of sawss_mean for 1 % of each parameter [%]"
+    assert figure["layout"]["yaxis"]["autorange"] == "reversed"
 
 
 def test_each_chart_has_a_check(sections: dict[str, list[Any]]) -> None:

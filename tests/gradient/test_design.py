@@ -1,0 +1,105 @@
+"""Pressures by gradients: the linear programme by a rule of its own, a layout that covers the skin, and a vein."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ngfsi.case import Case
+from ngfsi.cli import main
+from ngfsi.errors import CaseError, SolverError
+from ngfsi.gradient import design
+from ngfsi.gradient.design import Layout, Limits, Pressed, improve
+from ngfsi.gradient.design_command import grid, pressure
+from ngfsi.store.table import read_rows
+from ngfsi.units import MMHG
+from tests.gradient.test_gradient import VEIN
+from tests.vein import BONED, Array, domain_of
+
+LAYOUT = Layout(1, 4, 0.0, 10e-3)
+
+
+def test_the_layout_covers_the_skin_once() -> None:
+    """Smooth edges of neighbours add up to one, so that the parts do, and equal sectors have equal parts."""
+    domain = domain_of(BONED)
+    layout = Layout.on(domain, 2, 3)
+    assert (layout.bottom, layout.top) == pytest.approx((0.0, BONED.length), abs=1e-9)
+    weights = layout.weights(domain)
+    assert weights.sum() == pytest.approx(1.0, rel=1e-3)
+    assert weights == pytest.approx(1 / 6, rel=0.05)
+    assert {frozenset(pair) for pair in layout.neighbours()} == {
+        frozenset(pair) for pair in ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
+    }
+
+
+def step(slopes: Array, weights: Array, **limits: float) -> Array:
+    """Return the step from a pressure of 1 everywhere, within a region without end, with no bound on the volume."""
+    count = len(weights)
+    pairs = [(n, n + 1) for n in range(count - 1)]
+    given = Limits(**{"mean": 1.0, "high": 3.0, **limits})
+    return design._step(np.ones(count), np.array([slopes, np.zeros(count)]), 0.0, weights, pairs, given, 100.0)
+
+
+def test_the_linear_programme_fills_the_best_first() -> None:
+    """With a bounded mean the cuffs get the highest pressure in the order of slope over part, as in a knapsack."""
+    random = np.random.default_rng(5)
+    slopes, weights = random.uniform(0.1, 1.0, 12), random.dirichlet(np.full(12, 5.0))
+    wanted, left = np.zeros(12), 1.0
+    for place in np.argsort(-slopes / weights):
+        wanted[place] = min(3.0, left / weights[place])
+        left -= wanted[place] * weights[place]
+    assert 1 + step(slopes, weights) == pytest.approx(wanted, abs=1e-9)
+    smooth = 1 + step(slopes, weights, jump=0.5)
+    assert np.abs(np.diff(smooth)).max() == pytest.approx(0.5)
+    assert smooth @ weights == pytest.approx(1.0)
+
+
+def test_a_vein_is_pressed_where_it_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mean and highest pressure hold, the wall's shear is more, and one without an equilibrium is a step too far."""
+    domain = domain_of(BONED)
+    limits, failed = Limits(mean=400.0, high=800.0), []
+    solve = Pressed.solve
+
+    def fails_once(self: Pressed, pressures: Array) -> object:
+        if not failed and np.ptp(pressures) > 0:
+            failed.append(pressures)
+            raise SolverError("no equilibrium")
+        return solve(self, pressures)
+
+    monkeypatch.setattr(Pressed, "solve", fails_once)
+    found = improve(VEIN, "sawss", LAYOUT, limits, domain, most=1)
+    assert failed[0] == pytest.approx(np.where(failed[0] > 400, 800.0, 0.0), abs=1e-6)
+    assert np.abs(found.pressures - 400.0).max() == pytest.approx(400.0 / 3, rel=1e-6)
+    assert found.pressures @ LAYOUT.weights(domain) == pytest.approx(400.0, rel=1e-3)
+    assert found.value > found.history[0]
+    assert (found.runs, found.sweeps) == (2, 2)
+    assert len(found.case.loads.cuffs) == 4
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(design, "ENOUGH", 1.0)  # nothing promises so much: the first pressures stay
+    (tmp_path / "case.toml").write_text(VEIN.to_toml())
+    with pytest.raises(SystemExit) as ended:
+        main(["design", str(tmp_path / "case.toml"), "--mean", "3mmHg", "--high", "6mmHg", "--cuffs", "1x3", "--quiet",
+              "-o", str(tmp_path / "out")])  # fmt: skip
+    assert not ended.value.code
+    rows = read_rows(tmp_path / "out" / "pressures.csv")
+    assert [row["pressure_Pa"] for row in rows] == pytest.approx([3 * MMHG] * 3)
+    assert Case.from_toml(tmp_path / "out" / "case.toml").time.scheme == "static"
+    assert (tmp_path / "out" / "pressures.png").stat().st_size > 1000
+    assert "0 % more than under the mean everywhere" in capsys.readouterr().out
+
+
+def test_what_is_refused() -> None:
+    assert pressure("12 mmHg", "--mean") == pytest.approx(12 * MMHG)
+    for text in ("12", "12mm", "x"):
+        with pytest.raises(CaseError, match=f"--mean {text} is no pressure"):
+            pressure(text, "--mean")
+    assert grid("4x14") == (4, 14)
+    for text in ("4", "0x3", "3x2"):
+        with pytest.raises(CaseError, match=f"--cuffs {text} is not understood"):
+            grid(text)
+    with pytest.raises(CaseError, match="is not between 0 and 100 Pa"):
+        improve(VEIN, "sawss", LAYOUT, Limits(mean=200.0, high=100.0), domain_of(BONED))
