@@ -84,6 +84,9 @@ MaxWall = Annotated[
 ]  # fmt: skip
 
 Errors = Annotated[bool, typer.Option("--error", help="Estimate the error from space and time.")]
+Refine = Annotated[
+    int, typer.Option("--refine", min=0, metavar="TIMES", help="Refine the mesh so often, where the error is.")
+]  # fmt: skip
 
 
 @app.command()
@@ -94,6 +97,7 @@ def run(
     max_wall: MaxWall = None,
     changes: Changes = None,
     error: Errors = False,
+    refine: Refine = 0,
     _: Plugin = None,
 ) -> None:
     """Compute a case.
@@ -102,6 +106,10 @@ def run(
 
     With --error two more runs, with elements of one order less and with steps of double size, tell the error of loss
     and wall shear stress: errors.csv.
+
+    With --refine 2 the case is computed again on two refined meshes, in refined_1 and refined_2, each finer where
+    elements of another order differ: layers of straight veins and calves, or tetrahedra of an external mesh. --error
+    then is of the last.
 
     Keys of --set are those of the case file, with their units.
 
@@ -116,11 +124,12 @@ def run(
         _say(f"warning: {sentence}")
     folder = output or Path("runs") / chosen.name
     with _interruptible(folder):
-        if error:
-            _with_errors(folder, quiet, max_wall, lambda **how: compute(chosen, folder, **how))
-        else:
-            compute(chosen, folder, quiet=quiet, max_wall=max_wall)
-    _point_to(folder, quiet)
+        if refine:
+            from ngfsi.run.refine import check_refinable
+
+            check_refinable(chosen)
+        last = _followed(folder, quiet, max_wall, error, refine, lambda **how: compute(chosen, folder, **how))
+    _point_to(last, quiet)
 
 
 @app.command()
@@ -192,13 +201,14 @@ def check(
 
 @app.command()
 def resume(
-    folder: Folder, quiet: Quiet = False, max_wall: MaxWall = None, error: Errors = False, _: Plugin = None
-) -> None:
+    folder: Folder, quiet: Quiet = False, max_wall: MaxWall = None, error: Errors = False, refine: Refine = 0,
+    _: Plugin = None,
+) -> None:  # fmt: skip
     """Go on with a run that was stopped or killed.
 
     From its last checkpoint, with the results of a run that was never stopped.
 
-    With --error as for ngfsi run, also of a run that is complete; what there is of the two more runs goes on.
+    With --error and --refine as for ngfsi run, also of a run that is complete; what there is of further runs goes on.
 
     Example: ngfsi resume runs/calf --max-wall 2h
     """
@@ -207,13 +217,15 @@ def resume(
     from ngfsi.store.folder import ERRORS
 
     with _interruptible(folder):
-        if error:
-            if (folder / ERRORS).exists():
-                raise OutputError(f"'{folder}' holds a run with its errors: there is nothing to resume")
-            _with_errors(folder, quiet, max_wall, lambda **how: completed(folder) or go_on(folder, **how))
-        else:
-            go_on(folder, quiet=quiet, max_wall=max_wall)
-    _point_to(folder, quiet)
+        if error and not refine and (folder / ERRORS).exists():
+            raise OutputError(f"'{folder}' holds a run with its errors: there is nothing to resume")
+
+        def compute(**how: Any) -> StoredRun:
+            done = completed(folder) if error or refine else None
+            return done or go_on(folder, **how)
+
+        last = _followed(folder, quiet, max_wall, error, refine, compute)
+    _point_to(last, quiet)
 
 
 @app.command()
@@ -607,16 +619,33 @@ def parse_change(text: str) -> tuple[str, Any]:
         return key.strip(), value.strip()
 
 
-def _with_errors(folder: Path, quiet: bool, max_wall: float | None, compute: Callable[..., StoredRun]) -> None:
-    """Compute a run and its errors, and print these."""
+def _followed(
+    folder: Path, quiet: bool, max_wall: float | None, error: bool, refine: int, compute: Callable[..., StoredRun]
+) -> Path:
+    """Compute a run, those on refined meshes and the errors of the last, print these; return the last one's folder."""
     from ngfsi.report import terminal
-    from ngfsi.run.estimate import estimate, resumed_by
 
     began = perf_counter()
-    found = compute(quiet=quiet, max_wall=max_wall, resumed_by=resumed_by(folder))
-    left = None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))
-    estimate(found, quiet=quiet, max_wall=left, say=_say)
-    terminal.console().print(terminal.errors(found))
+    further = f"{f' --refine {refine}' if refine else ''}{' --error' if error else ''}"
+    resumed_by = f"ngfsi resume {folder}{further}" if further else ""
+
+    def how() -> dict[str, Any]:
+        return {"quiet": quiet, "max_wall": None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))}
+
+    found = compute(resumed_by=resumed_by, **how())
+    if refine:
+        from ngfsi.run.estimate import at_end
+        from ngfsi.run.refine import refine as compute_refined
+
+        runs = [found, *compute_refined(found, refine, say=_say, resumed_by=resumed_by, **how())]
+        terminal.console().print(terminal.refinements(runs, [at_end(run) for run in runs]))
+        found = runs[-1]
+    if error:
+        from ngfsi.run.estimate import estimate
+
+        estimate(found, say=_say, resumed_by=resumed_by, **how())
+        terminal.console().print(terminal.errors(found))
+    return found.path
 
 
 def _point_to(folder: Path, quiet: bool) -> None:

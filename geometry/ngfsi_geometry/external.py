@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from math import pi
+from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -13,9 +14,11 @@ from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError, NgfsiError, unknown
+from ngfsi.mesh.cells import TETRA
 from ngfsi.mesh.curving import EdgeBulges
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.units import to_si
+from ngfsi_geometry.bisection import bisected
 from ngfsi_geometry.content import check_digest, digest
 from ngfsi_geometry.meshfiles import read
 from ngfsi_geometry.meshfiles.smooth import recovered
@@ -208,6 +211,27 @@ class ExternalMesh(ConfigModel):
     def netgen_mesh(self, attempt: int = 0) -> Any:  # noqa: ARG002 - there is one way
         """Return the straight Netgen mesh [m] with its names."""
         return netgen_mesh(self._contents)
+
+    def parts_to_refine(self, mesh: Any) -> NDArray[np.int64]:
+        """Return the number of each element of a mesh: each may be bisected by itself.
+
+        Raises:
+            GeometryError: there are other cells than tetrahedra.
+        """
+        if others := sorted({kind.corners for _, kind, _ in self._contents.cells} - {TETRA.corners}):
+            raise GeometryError(
+                f"'{self.file}' has cells of {' and '.join(map(str, others))} corners: only tetrahedra can be bisected"
+            )
+        return np.arange(mesh.ne)
+
+    def refined(self, marked: NDArray[np.bool_], file: Path) -> Self:
+        """Return the mesh of the same shape with some of its tetrahedra bisected, written to a file.
+
+        Raises:
+            MeshError: it could not be made.
+        """
+        bisected(self._contents, lambda: netgen_mesh(self._contents), marked, file)
+        return type(self)(file=str(file), unit="m")
 
 
 class Loaded:

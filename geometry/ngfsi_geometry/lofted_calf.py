@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise
 from math import pi
+from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -355,6 +356,18 @@ class CalfLoft(ConfigModel):
         ends = {**self.straight.ends, **dict.fromkeys(self.further_regions, TISSUE_ENDS)}
         split = self.mesh.element == "tetrahedron"
         return extrude(section, heights, ends, split, self._regions(section, len(heights) - 1, self._vertices(mesh)))
+
+    def parts_to_refine(self, mesh: Any) -> NDArray[np.int64]:
+        """Return the number of the layer of each element of a mesh of this segment.
+
+        Raises:
+            GeometryError: the mesh has no layers.
+        """
+        return self.straight.parts_to_refine(mesh)
+
+    def refined(self, marked: NDArray[np.bool_], _file: Path) -> Self:
+        """Return the segment with some of its layers cut in two."""
+        return self.replace(mesh=self.mesh.with_halved_layers(marked))
 
     def _vertices(self, mesh: Any) -> Array:
         """Return where the vertices (n, 3) [m] of a straight mesh lie between the lofts."""

@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, pairwise
 from math import ceil, cos, degrees, isclose, pi, sin, sqrt
-from typing import Any, ClassVar, Literal
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ngfsi.config.model import ConfigModel
@@ -66,7 +68,19 @@ class MeshSettings(ConfigModel):
     )
     far_size: Length = Field(18e-3, gt=0, description="element size in the tissue far from the vein")
     vein_size: Length = Field(2.5e-3, gt=0, description="element length around the lumen, less where layers are thin")
-    axial_layers: int = Field(8, ge=1, le=2000, description="number of element layers along z")
+    layer_boundaries: tuple[float, ...] = Field(
+        (),
+        description="heights of the borders between layers along z, as fractions of the length, in place of even "
+        "layers or of end_refinement; `ngfsi run --refine` halves layers so",
+    )
+    axial_layers: int = Field(
+        default_factory=lambda given: (
+            len(given.get("layer_boundaries", ())) + 1 if given.get("layer_boundaries") else 8
+        ),
+        ge=1,
+        le=2000,
+        description="number of element layers along z",
+    )
     end_refinement: float = Field(
         1.0, ge=1, le=20, description="layers at the ends are this many times thinner than at mid-length"
     )
@@ -91,6 +105,32 @@ class MeshSettings(ConfigModel):
         if not falling:
             raise ValueError(f"lumen_radii {list(self.lumen_radii)} must decrease, from below 1 (the wall) to above 0")
         return self
+
+    @model_validator(mode="after")
+    def _check_layers(self) -> MeshSettings:
+        """Refuse borders between layers that are out of order, or that contradict other keys."""
+        borders = self.layer_boundaries
+        if not all(low < high for low, high in pairwise((0.0, *borders, 1.0))):
+            raise ValueError(f"layer_boundaries {list(borders)} must increase, from above 0 to below 1 (the length)")
+        if borders and (self.axial_layers != len(borders) + 1 or self.end_refinement != 1):
+            raise ValueError(
+                f"{len(borders)} layer_boundaries are of {len(borders) + 1} layers of given heights: leave out "
+                "axial_layers and end_refinement"
+            )
+        return self
+
+    def heights(self, length: float) -> Points:
+        """Return the z [m] of the borders of layers, from 0 to a length [m]."""
+        if self.layer_boundaries:
+            return length * np.array([0.0, *self.layer_boundaries, 1.0])
+        return layer_heights(length, self.axial_layers, self.end_refinement)
+
+    def with_halved_layers(self, marked: NDArray[np.bool_]) -> MeshSettings:
+        """Return the settings with some of the layers, from z = 0 on, cut in two."""
+        heights = self.heights(1.0)
+        middles = (heights[:-1] + heights[1:])[marked] / 2
+        borders = tuple(map(float, np.sort([*heights[1:-1], *middles])))
+        return self.replace(layer_boundaries=borders, axial_layers=len(borders) + 1, end_refinement=1.0)
 
 
 @dataclass(frozen=True)
@@ -426,8 +466,22 @@ class VeinSegment(ConfigModel):
 
     def layered(self, attempt: int, curves: Mapping[str, Star]) -> tuple[SectionMesh, Points]:
         """Return the mesh of the section, and the heights [m] of the layers; arguments as of `netgen_mesh`."""
-        heights = layer_heights(self.length, self.mesh.axial_layers, self.mesh.end_refinement)
-        return self._section(SIZE_FACTORS[attempt], curves), heights
+        return self._section(SIZE_FACTORS[attempt], curves), self.mesh.heights(self.length)
+
+    def parts_to_refine(self, mesh: Any) -> NDArray[np.int64]:
+        """Return the number of the layer of each element of a mesh of this segment.
+
+        Raises:
+            GeometryError: the mesh has no layers.
+        """
+        if self.mesh.element == "csg":
+            raise GeometryError("a mesh of element = 'csg' has no layers that could be halved: use another element")
+        middles = [np.mean([mesh[vertex].point[2] for vertex in element.vertices]) for element in mesh.Elements()]
+        return np.searchsorted(self.mesh.heights(self.length), middles) - 1
+
+    def refined(self, marked: NDArray[np.bool_], _file: Path) -> Self:
+        """Return the segment with some of its layers cut in two."""
+        return self.replace(mesh=self.mesh.with_halved_layers(marked))
 
     def _section(self, factor: float, curves: Mapping[str, Star]) -> SectionMesh:
         """Return the mesh of the cross-section, its element sizes multiplied by a factor."""

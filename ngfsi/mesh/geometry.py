@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Protocol, Self, runtime_checkable
 
 from ngsolve import CoefficientFunction
 
+from ngfsi.arrays import Mask, Numbers
 from ngfsi.mesh.curving import ShapeMap
 
 COMPARTMENTS = ("anterior", "lateral", "superficial_posterior", "deep_posterior")
@@ -106,3 +108,20 @@ class Geometry(Protocol):
 
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of each region of the reference shape."""
+
+
+@runtime_checkable
+class Refinable(Protocol):
+    """What a geometry offers whose mesh `ngfsi run --refine` can refine."""
+
+    def parts_to_refine(self, mesh: Any) -> Numbers:
+        """Return for each element of a mesh of the geometry the number of the part with which it is refined: its own,
+        or that of a layer.
+
+        Raises:
+            GeometryError: the mesh is none that can be refined.
+        """
+
+    def refined(self, marked: Mask, file: Path) -> Self:
+        """Return the geometry of the same shape whose mesh is refined in marked parts (parts,); what its keys cannot
+        say is in a file that it may write."""

@@ -44,10 +44,15 @@ def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 def error_rows(run: StoredRun) -> list[list[str]]:
     """Return the estimated errors of a run below `ERRORS_HEAD`; "-" where there was no companion or it failed."""
     return [
-        [str(row["quantity"]), in_unit(float(row["value"]), "percent" if row["unit"] == 1 else str(row["unit"]), ".4g"),
+        [str(row["quantity"]), error_value(row),
          *(f"{shown(float(row[name])):.2g}" if name in row else "-" for name, shown in ERRORS.items())]
         for row in run.errors
     ]  # fmt: skip
+
+
+def error_value(row: Mapping[str, float | str]) -> str:
+    """Return the value of a row of errors with its unit."""
+    return in_unit(float(row["value"]), "percent" if row["unit"] in (1, "1") else str(row["unit"]), ".4g")
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import ngsolve
@@ -15,7 +15,7 @@ from ngfsi.case import Case
 from ngfsi.linear.backends import BACKENDS, choose_backend
 from ngfsi.materials import available_sets, read_set
 from ngfsi.mesh.generate import cache_folder
-from ngfsi.report.tables import ERRORS_HEAD, error_rows, flat
+from ngfsi.report.tables import ERRORS_HEAD, error_rows, error_value, flat
 from ngfsi.store.provenance import named_commit, versions
 from ngfsi.store.stored import StoredRun
 from ngfsi.units import Shown, in_unit, symbol, unit_of
@@ -52,6 +52,18 @@ def errors(run: StoredRun) -> RenderableType:
     table = Table(first, *(Column(head, justify="right") for head in rest), title="Estimated errors")
     for row in error_rows(run):
         table.add_row(*row)
+    return table
+
+
+def refinements(runs: Sequence[StoredRun], values: Sequence[Sequence[Mapping[str, float | str]]]) -> RenderableType:
+    """Return runs on meshes that are refined one after the other, with rows of quantity, value and unit of each."""
+    heads = [str(row["quantity"]) for row in values[0]]
+    table = Table("mesh", *(Column(head, justify="right") for head in ("elements", "unknowns", *heads)),
+                  title="Refinements")  # fmt: skip
+    for number, (run, rows) in enumerate(zip(runs, values, strict=True)):
+        sizes = (run.manifest["mesh"]["elements"], run.manifest["unknowns"])
+        table.add_row(f"refined_{number}" if number else "as given", *(f"{size:,}" for size in sizes),
+                      *map(error_value, rows))  # fmt: skip
     return table
 
 

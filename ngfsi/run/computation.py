@@ -9,6 +9,7 @@ from importlib import import_module
 from math import inf
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import ngsolve as ng
 
@@ -98,6 +99,13 @@ def resume(folder: Path, *, quiet: bool = False, max_wall: float | None = None, 
     start = checkpoints.latest()
     target = RunFolder.reopen(folder, case, start.facts["time_s"] if start else None)
     return _finished(Computation(case, target, backend, checkpoints, start), quiet, max_wall, resumed_by)
+
+
+def finished(case: Case, folder: Path, **how: Any) -> StoredRun:
+    """Return the run of a case in a folder: as it is there, after it has gone on, or begun; `how` as of `run`."""
+    if found := completed(folder):
+        return found
+    return resume(folder, **how) if (folder / CASE).exists() else run(case, folder, **how)
 
 
 def _checkpoints(case: Case, folder: Path, backend: str) -> Checkpoints:
@@ -228,6 +236,8 @@ class Computation:
                         observer.look(reached, None)
                 raise
             if step is None:
+                with self.watch("output"):
+                    self.folder.write_end(loop.system.values, self._mesh)
                 return
             self._time = step.time
             self._factorisations += step.solution.factorisations

@@ -8,7 +8,6 @@ waves after a kink or layers at clamped ends are not resolved it is about as lar
 
 from __future__ import annotations
 
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -17,9 +16,9 @@ import numpy as np
 from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.errors import CaseError, MeshError, OutputError, SolverError
-from ngfsi.run.computation import completed, resume, run
+from ngfsi.run.computation import finished
 from ngfsi.solve.initial import Say, silent
-from ngfsi.store.folder import CASE, ERRORS
+from ngfsi.store.folder import ERRORS
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
 from ngfsi.units import SAME_TIME, unit_of
@@ -45,7 +44,7 @@ def companions(case: Case) -> dict[str, Case]:
 
 
 def estimate(
-    found: StoredRun, *, quiet: bool = False, max_wall: float | None = None, say: Say = silent
+    found: StoredRun, *, quiet: bool = False, max_wall: float | None = None, say: Say = silent, resumed_by: str = ""
 ) -> list[dict[str, float | str]]:
     """Run the companions of a run in its folder, write errors.csv there, and return its rows.
 
@@ -56,21 +55,22 @@ def estimate(
     Args:
         max_wall: seconds on the clock within which to stop.
         say: takes the reasons of companions that fail.
+        resumed_by: the command that goes on; default: `ngfsi resume FOLDER --error`.
 
     Raises:
         OutputError: the run has no vessel with blood, or no companion came to its end.
         StoppedError, Interrupted: as of `run`; to be gone on with by the same call.
     """
     began = perf_counter()
-    columns = [name for name in found.series if name.endswith(tuple(QUANTITIES))]
+    columns = _columns(found)
     if not columns:
         raise OutputError(f"the run '{found.case.name}' has none of {', '.join(QUANTITIES)}: no error can be estimated")
     others, failures = {}, []
-    for name, case in companions(found.case).items():
+    command = resumed_by or f"ngfsi resume {found.path} --error"
+    for name in companions(found.case):
         try:
             left = None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))
-            others[name] = _computed(case, found.path / f"companion_{name}", quiet=quiet, max_wall=left,
-                                     resumed_by=resumed_by(found.path))  # fmt: skip
+            others[name] = companion(found, name, quiet=quiet, max_wall=left, resumed_by=command)
         except (CaseError, MeshError, SolverError) as error:
             failures.append(f"no error from {name}: {error}")
     if not others:
@@ -82,16 +82,18 @@ def estimate(
     return rows
 
 
-def resumed_by(folder: Path) -> str:
-    """Return the command that goes on with a run and its companions."""
-    return f"ngfsi resume {folder} --error"
+def companion(found: StoredRun, name: str, **how: Any) -> StoredRun:
+    """Return a companion of a run, one of `companions`, in the run's folder; `how` as of `run`."""
+    return finished(companions(found.case)[name], found.path / f"companion_{name}", **how)
 
 
-def _computed(case: Case, folder: Path, **how: Any) -> StoredRun:
-    """Return the run of a case in a folder: as it is there, after it has gone on, or begun."""
-    if found := completed(folder):
-        return found
-    return resume(folder, **how) if (folder / CASE).exists() else run(case, folder, **how)
+def at_end(found: StoredRun) -> list[dict[str, float | str]]:
+    """Return the rows of `estimate` without errors: quantity, value at the end and unit; none without blood."""
+    return [_row(column, found, {}) for column in _columns(found)]
+
+
+def _columns(found: StoredRun) -> list[str]:
+    return [name for name in found.series if name.endswith(tuple(QUANTITIES))]
 
 
 def _row(column: str, found: StoredRun, others: dict[str, StoredRun]) -> dict[str, float | str]:

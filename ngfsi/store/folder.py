@@ -10,6 +10,8 @@
     stability.csv   smallest eigenvalue and critical pressure, if asked for (see measure/stability.py)
     volume.pvd, wall.pvd, fields/   fields for ParaView (see fields.py)
     errors.csv      estimated errors, and companion_space/ and companion_time/, the runs that tell them, if asked for
+    end.npz         the unknowns at the end of a run that is complete, and the fingerprint of their mesh
+    refined_1/ ...  the same case on refined meshes, and refined_1.msh ... where they are in files, if asked for
     run.log         what happened, with the seconds since the start
     checkpoints/    from which `ngfsi resume` goes on (see checkpoint.py), until the run is complete
     STOP            not written: a file of this name ends the run after the step under way
@@ -23,6 +25,7 @@ import fcntl
 import json
 import time
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, Literal, Self
 
@@ -36,6 +39,7 @@ from ngfsi.store.provenance import commit, machine, now, versions
 from ngfsi.store.table import TableWriter
 
 CASE, MANIFEST, LOG, ERRORS = "case.toml", "manifest.json", "run.log", "errors.csv"
+END = "end.npz"
 TABLES = ("series", "costs", "outlines", "shape", "stability")
 """Tables with a column time_s, each a file NAME.csv that is there once it has a row."""
 CHECKPOINTS, STOP = "checkpoints", "STOP"
@@ -104,6 +108,16 @@ class RunFolder:
             OutputError: the file cannot be written.
         """
         self._tables[table].append(*rows)
+
+    def write_end(self, values: Array, mesh: str) -> None:
+        """Keep the unknowns at the end, of a mesh of a fingerprint.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        packed = BytesIO()
+        np.savez(packed, values=values, mesh=np.array(mesh))
+        replace_file(self.path / END, packed.getvalue())
 
     def log(self, text: str) -> None:
         """Append a line to run.log, with the seconds since the start."""

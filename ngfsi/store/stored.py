@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Self
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ngfsi.case import Case
 from ngfsi.errors import OutputError
 from ngfsi.measure.shear_history import ShearHistory, slope, within
 from ngfsi.store.disk import explained
-from ngfsi.store.folder import CASE, ERRORS, MANIFEST
+from ngfsi.store.folder import CASE, END, ERRORS, MANIFEST
 from ngfsi.store.table import read_rows, read_table
 from ngfsi.store.vessels import StoredVessel
 from ngfsi.units import SAME_TIME
@@ -177,6 +178,21 @@ class StoredRun:
     def errors(self) -> list[dict[str, float | str]]:
         """Rows of the estimated errors (see run/estimate.py); none if they were not asked for."""
         return read_rows(self.path / ERRORS)
+
+    def end(self, mesh: str) -> Array:
+        """Return the unknowns at the end, of the mesh of a fingerprint.
+
+        Raises:
+            OutputError: they are not stored, or of another mesh.
+        """
+        try:
+            with explained(self.path / END, "read"), np.load(self.path / END, allow_pickle=False) as stored:
+                values, own = np.asarray(stored["values"]), str(stored["mesh"])
+        except (ValueError, KeyError, BadZipFile):
+            raise OutputError(f"'{self.path / END}' is not as it was written: compute the run again") from None
+        if own != mesh:
+            raise OutputError(f"the run in '{self.path}' is of another mesh than that of its case: compute it again")
+        return values
 
     @cached_property
     def _outlines(self) -> Columns:
