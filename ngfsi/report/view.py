@@ -17,7 +17,7 @@ import pyvista as pv
 from ngfsi.arrays import Array
 from ngfsi.errors import OutputError
 from ngfsi.store.stored import StoredRun, Which, open_run
-from ngfsi.units import symbol, unit_of
+from ngfsi.units import Shown, symbol, unit_of
 
 PLACES: dict[str, Which] = {"solids and blood": "volume", "inner wall": "wall"}
 CUTS = {"not cut": None, "across x": "x", "across y": "y", "across z": "z"}
@@ -101,7 +101,7 @@ class Viewer:
         for run, (times, values) in zip(self.runs, self.history(self.picked), strict=True):
             axes.plot(times, values, ".-", label=run.case.name)
         axes.axvline(self.time, color="0.7")
-        axes.set(xlabel="time [s]", ylabel=f"[{symbol(unit_of(self.quantity))}]", title=self.quantity)
+        axes.set(xlabel=Shown("time", "s").label, ylabel=f"[{symbol(unit_of(self.quantity))}]", title=self.quantity)
         axes.legend()
         file = io.BytesIO()
         figure.savefig(file, format="svg")
