@@ -71,7 +71,8 @@ def test_each_unit_is_what_its_name_says() -> None:
 
 PRINTED = {
     "m2": "m²", "cm2": "cm²", "mm2": "mm²", "m3": "m³", "mm3": "mm³", "m_s": "m/s", "cm_s": "cm/s", "mm_s": "mm/s",
-    "m_s2": "m/s²", "m2_s": "m²/s", "mm2_s": "mm²/s", "m3_s": "m³/s", "ml_s": "ml/s", "ml_min": "ml/min", "l_min": "l/min", "kg_m3": "kg/m³",
+    "m_s2": "m/s²", "m2_s": "m²/s", "mm2_s": "mm²/s", "m3_s": "m³/s", "ml_s": "ml/s",
+    "ml_min": "ml/min", "l_min": "l/min", "kg_m3": "kg/m³",
     "g_cm3": "g/cm³", "Pa_s": "Pa s", "mPa_s": "mPa s", "Pa_s_m3": "Pa s/m³", "Pa_s_ml": "Pa s/ml",
     "mmHg_s_ml": "mmHg s/ml", "N_m": "N/m", "m3_Pa": "m³/Pa", "ml_mmHg": "ml/mmHg", "1": "", "percent": "%",
     "1_s": "1/s", "1_s2": "1/s²",
