@@ -44,7 +44,7 @@ def fitted(measured: Array = EXACT, unknowns: Any = FIRST, errors: Array = ERROR
 def test_intervals_hold_what_they_promise() -> None:
     """95 % of many noisy measurements have each constant inside of its interval, though the areas are not linear in
     them; and of 20 of them 19 have, in the mean. The gaps that are left are as probable as any others."""
-    random, count = np.random.default_rng(3), 300
+    random, count = np.random.default_rng(3), 600
     inside, probable, reached = np.zeros(2), [], []
     for _ in range(count):
         found = fitted(EXACT + ERRORS * random.standard_normal(len(EXACT)))

@@ -188,6 +188,30 @@ def test_quantities_are_those_of_the_columns() -> None:
             assert what.value() == pytest.approx(measures[f"{name}_{what.unit}"](), rel=2e-5, abs=0.0), name
 
 
+def test_area_at_a_height() -> None:
+    """That of the station there; beyond the vessel there is none."""
+    run = StoredStates(VEIN.replace(**{"time.end": 0.1}), domain_of(VEIN.geometry))
+    station, height = measured(run.system, "area_z03"), measured(run.system, "area_at_3mm")
+    assert height.value() == pytest.approx(station.value(), rel=1e-9)
+    with pytest.raises(CaseError, match="11 mm is not on the centreline"):
+        measured(run.system, "area_at_11mm")
+
+
+@pytest.mark.parametrize("kind", ["end", "change", "loss"])
+def test_a_time_between_steps(kind: str) -> None:
+    """Values are linear there, and the weights are the derivatives of what is made of them."""
+    times, values = np.array([0.0, 1.0, 3.0]), np.array([4.0, 3.0, 1.0])
+    window = Window(kind, end=2.5)
+    found, weights = window.weights(times, values)
+    assert found == pytest.approx({"end": 1.5, "change": -2.5, "loss": 0.625}[kind], rel=1e-12)
+    for place, step in enumerate(1e-6 * np.eye(3)):
+        ends = [window.weights(times, values + sign * step)[0] for sign in (1, -1)]
+        assert weights[place] == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-8)
+    whole, last = Window(kind).weights(times, values), Window(kind, end=3.0).weights(times, values)
+    assert whole[0] == last[0]
+    assert whole[1] == pytest.approx(last[1], rel=1e-12)
+
+
 class HiddenSpring(Condition):
     """Springs on the skin whose stiffness follows the state without being an unknown."""
 
