@@ -22,7 +22,7 @@ from ngfsi_studies.vein_accuracy import REFERENCE, table
 
 SECTION = MeshSettings(element="mixed", far_size=25e-3, vein_size=5e-3, axial_layers=2, lumen_radii=(0.7,),
                        curving_order=2)  # fmt: skip
-EVEN, TIMES = (2, 4, 6, 8), 3
+EVEN, TIMES = (2, 4, 6, 8, 10), 3
 """Numbers of even layers, and how often those of the first are refined."""
 
 
@@ -39,7 +39,7 @@ def main(folder: str) -> None:
     runs = {f"{n} even layers": finished(case(axial_layers=n), home / f"even-{n}", quiet=True) for n in EVEN}
     for number, run in enumerate(refine(runs[f"{EVEN[0]} even layers"], TIMES, quiet=True), start=1):
         layers = run.case.geometry.mesh.axial_layers
-        runs[f"{layers} layers, refined {number} times"] = run
+        runs[f"{layers} layers, refinement {number}"] = run
     runs[REFERENCE] = finished(case(axial_layers=16, end_refinement=20.0), home / REFERENCE, quiet=True)
     console().print(table(runs))
 
