@@ -21,7 +21,7 @@ ROOT = Path(ngfsi.__file__).parent
 ORDER = (
     "arrays", "errors", "units", "registry", "process", "config", "parallel", "mesh", "outlines", "materials",
     "physics", "conditions", "transport", "case", "system", "linear", "solve", "measure", "store", "analysis", "report",
-    "identify", "run", "gradient", "study", "bench", "verify", "cli",
+    "identify", "gradient", "run", "study", "bench", "verify", "cli",
 )  # fmt: skip
 NAMED = re.compile(r"(ngfsi(?:\.\w+)+)(?::\w+)?")
 """A module in a text, or a function of one that a child process calls."""

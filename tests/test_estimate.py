@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import ngfsi.run.estimate
+import ngfsi.run.computation
 from ngfsi.case import Case
 from ngfsi.cli import app
 from ngfsi.config.functions import PressureRamp
@@ -110,7 +110,7 @@ def test_a_companion_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.Monk
             raise SolverError("it diverged")
         return fake_run(folder, case, loss=0.2)
 
-    monkeypatch.setattr(ngfsi.run.estimate, "run", failing)
+    monkeypatch.setattr(ngfsi.run.computation, "run", failing)
     fail, said = ["companion_space"], []
     rows = estimate(found, max_wall=60.0, say=said.append)
     assert said == ["no error from space: it diverged"]

@@ -72,9 +72,7 @@ class Lagrangian(System):
 
     def set_multipliers(self, values: Array) -> None:
         """Take multipliers of the equations, each in the place of its unknown."""
-        given, (lessened, others) = values.copy(), self.unknowns.less
-        given[others] -= values[lessened]
-        self.multipliers.vec.FV().NumPy()[self.unknowns.equations] = given
+        self.unknowns.test(values, self.multipliers.vec.FV().NumPy())
 
     def by_state(self) -> Array:
         """Return the derivative of multipliers times residual by all unknowns."""

@@ -237,7 +237,7 @@ class Computation:
                 raise
             if step is None:
                 with self.watch("output"):
-                    self.folder.write_end(loop.system.values, self._mesh)
+                    self.folder.write_end(loop.system.snapshot(), self._mesh)
                 return
             self._time = step.time
             self._factorisations += step.solution.factorisations

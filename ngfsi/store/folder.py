@@ -10,7 +10,7 @@
     stability.csv   smallest eigenvalue and critical pressure, if asked for (see measure/stability.py)
     volume.pvd, wall.pvd, fields/   fields for ParaView (see fields.py)
     errors.csv      estimated errors, and companion_space/ and companion_time/, the runs that tell them, if asked for
-    end.npz         the unknowns at the end of a run that is complete, and the fingerprint of their mesh
+    end.npz         the state at the end of a run that is complete, and the fingerprint of its mesh
     refined_1/ ...  the same case on refined meshes, and refined_1.msh ... where they are in files, if asked for
     run.log         what happened, with the seconds since the start
     checkpoints/    from which `ngfsi resume` goes on (see checkpoint.py), until the run is complete
@@ -39,7 +39,7 @@ from ngfsi.store.provenance import commit, machine, now, versions
 from ngfsi.store.table import TableWriter
 
 CASE, MANIFEST, LOG, ERRORS = "case.toml", "manifest.json", "run.log", "errors.csv"
-END = "end.npz"
+END, MESH = "end.npz", "mesh"
 TABLES = ("series", "costs", "outlines", "shape", "stability")
 """Tables with a column time_s, each a file NAME.csv that is there once it has a row."""
 CHECKPOINTS, STOP = "checkpoints", "STOP"
@@ -109,14 +109,14 @@ class RunFolder:
         """
         self._tables[table].append(*rows)
 
-    def write_end(self, values: Array, mesh: str) -> None:
-        """Keep the unknowns at the end, of a mesh of a fingerprint.
+    def write_end(self, state: Mapping[str, Array], mesh: str) -> None:
+        """Keep the state at the end, named arrays that belong to the mesh of a fingerprint.
 
         Raises:
             OutputError: the file cannot be written.
         """
         packed = BytesIO()
-        np.savez(packed, values=values, mesh=np.array(mesh))
+        np.savez(packed, **state, **{MESH: np.array(mesh)})  # type: ignore[arg-type] # of mypy's view of **
         replace_file(self.path / END, packed.getvalue())
 
     def log(self, text: str) -> None:

@@ -16,7 +16,7 @@ from ngfsi.case import Case
 from ngfsi.errors import OutputError
 from ngfsi.measure.shear_history import ShearHistory, slope, within
 from ngfsi.store.disk import explained
-from ngfsi.store.folder import CASE, END, ERRORS, MANIFEST
+from ngfsi.store.folder import CASE, END, ERRORS, MANIFEST, MESH
 from ngfsi.store.table import read_rows, read_table
 from ngfsi.store.vessels import StoredVessel
 from ngfsi.units import SAME_TIME
@@ -179,20 +179,21 @@ class StoredRun:
         """Rows of the estimated errors (see run/estimate.py); none if they were not asked for."""
         return read_rows(self.path / ERRORS)
 
-    def end(self, mesh: str) -> Array:
-        """Return the unknowns at the end, of the mesh of a fingerprint.
+    def end(self, mesh: str) -> dict[str, Array]:
+        """Return the state at the end, that of a system on the mesh of a fingerprint.
 
         Raises:
-            OutputError: they are not stored, or of another mesh.
+            OutputError: it is not stored, or of another mesh.
         """
         try:
             with explained(self.path / END, "read"), np.load(self.path / END, allow_pickle=False) as stored:
-                values, own = np.asarray(stored["values"]), str(stored["mesh"])
+                found = dict(stored)
+            own = str(found.pop(MESH))
         except (ValueError, KeyError, BadZipFile):
             raise OutputError(f"'{self.path / END}' is not as it was written: compute the run again") from None
         if own != mesh:
             raise OutputError(f"the run in '{self.path}' is of another mesh than that of its case: compute it again")
-        return values
+        return found
 
     @cached_property
     def _outlines(self) -> Columns:

@@ -139,6 +139,12 @@ class Unknowns:
         found[self.less[0]] -= found[self.less[1]]
         return found
 
+    def test(self, multipliers: Array, functions: Array) -> None:
+        """Write multipliers of the equations, each in the place of its unknown, as weights of the test functions."""
+        given, (lessened, others) = multipliers.copy(), self.less
+        given[others] -= multipliers[lessened]
+        functions[self.equations] = given
+
     def place(self, field: str) -> int:
         """Return the number of a field among the components of the space."""
         return self.fields.index(field)

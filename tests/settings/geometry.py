@@ -214,6 +214,13 @@ def _element_sizes() -> Outcome:
     ] * 3
 
 
+@entry("MeshSettings.layer_boundaries", rel=1e-9)
+def _layer_boundaries() -> Outcome:
+    """Vertices lie at these fractions of the length."""
+    mesh = domain_of(TUBE.replace(mesh=MeshSettings(layer_boundaries=(0.1, 0.4), far_size=1.0, vein_size=6e-3))).mesh
+    return np.unique([round(v.point[2] / TUBE.length, 12) for v in mesh.vertices]), [0.0, 0.1, 0.4, 1.0]
+
+
 @entry("MeshSettings.end_refinement", rel=1e-6)
 def _end_refinement() -> Outcome:
     """Layers at the ends are so many times thinner than in the middle, if there is one in the middle."""
