@@ -623,11 +623,14 @@ def _followed(
     folder: Path, quiet: bool, max_wall: float | None, error: bool, refine: int, compute: Callable[..., StoredRun]
 ) -> Path:
     """Compute a run, those on refined meshes and the errors of the last, print these; return the last one's folder."""
+    if not (error or refine):
+        compute(quiet=quiet, max_wall=max_wall)
+        return folder
     from ngfsi.report import terminal
 
     began = perf_counter()
     further = f"{f' --refine {refine}' if refine else ''}{' --error' if error else ''}"
-    resumed_by = f"ngfsi resume {folder}{further}" if further else ""
+    resumed_by = f"ngfsi resume {folder}{further}"
 
     def how() -> dict[str, Any]:
         return {"quiet": quiet, "max_wall": None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))}
