@@ -17,12 +17,15 @@ from ngfsi.case import Case
 from ngfsi.cli import app
 from ngfsi.config.functions import PressureConstant
 from ngfsi.errors import CaseError, GeometryError, OutputError
+from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.run import run
 from ngfsi.run.refine import check_refinable, mark
 from ngfsi.store import StoredRun, open_run
 from ngfsi.store.export import of_domain, write
+from ngfsi.system.system import System
 from tests.output.fake import fake_run
+from tests.runs import row
 from tests.vein import COARSE, TUBE, case_of, domain_of
 
 ENDS = (0.125, 0.25, 0.5, 0.75, 0.875)
@@ -130,6 +133,18 @@ def test_what_cannot_be_refined_is_refused(tmp_path: Path) -> None:
     duct = CASE.model_copy(update={"geometry": CylinderInDuct(mesh=CylinderMesh(far_size=0.2, cylinder_size=0.1))})
     with pytest.raises(CaseError, match="a CylinderInDuct is refined by the sizes in its table `mesh`"):
         check_refinable(duct)
+
+
+def test_the_state_at_the_end_is_that_of_the_last_row(refined: tuple[Path, str]) -> None:
+    found = open_run(refined[0])
+    domain = Domain.build(found.case.geometry)
+    system = System(found.case, domain)
+    system.restore(found.end(domain.fingerprint))
+    probe = Probe(system)
+    probe.refresh()
+    measured = row(probe)
+    for name in ("lumen_volume_m3", "sawss_Pa"):
+        assert measured[name] == pytest.approx(found.series[name][-1], rel=1e-9), name
 
 
 def test_a_run_without_its_end(refined: tuple[Path, str], tmp_path: Path) -> None:

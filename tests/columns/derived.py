@@ -22,7 +22,7 @@ from ngfsi.run.observers import volume_fields
 from ngfsi.store.fields import COLLAPSE, FieldWriter
 from ngfsi.store.folder import RunFolder
 from ngfsi.store.stored import StoredRun, mean_over_steps, open_run
-from tests import test_estimate, test_section_studies
+from tests import test_estimate, test_refine, test_section_studies
 from tests.columns import vessel
 from tests.columns.fields import at, deformation, gradient, within
 from tests.columns.table import entry, held_by, source
@@ -236,3 +236,4 @@ held_by(test_folder.test_series_is_on_the_disk_after_each_row_and_exact, RUN, "s
 held_by(test_fields.test_fields_are_found_by_time, RUN, "fields")
 held_by(test_fields.test_wall_history, RUN, "wall_history")
 held_by(test_estimate.test_a_companion_that_fails_is_told, RUN, "errors")
+held_by(test_refine.test_the_state_at_the_end_is_that_of_the_last_row, RUN, "end")
