@@ -29,6 +29,7 @@ from ngfsi.process import INTERRUPTED
 from ngfsi.units import Shown, seconds
 
 if TYPE_CHECKING:
+    from ngfsi.case import Case
     from ngfsi.store import StoredRun
 
 SHARED = ("run", "resume")
@@ -115,11 +116,10 @@ def run(
 
     Example: ngfsi run calf.toml --set time.step_ms=10 --set 'materials.tissue={set="neo_hookean_likely"}'
     """
-    from ngfsi.case import Case
     from ngfsi.case.plausible import implausible
     from ngfsi.run import run as compute
 
-    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    chosen = _chosen(case, changes)
     for sentence in implausible(chosen):
         _say(f"warning: {sentence}")
     folder = output or Path("runs") / chosen.name
@@ -189,11 +189,10 @@ def check(
 
     Example: ngfsi check vein.toml
     """
-    from ngfsi.case import Case
     from ngfsi.report.terminal import console
     from ngfsi.run.check import check as look
 
-    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    chosen = _chosen(case, changes)
     with _interruptible(output or Path("runs")):
         found = look(chosen, output or Path("runs") / f"check-{chosen.name}")
     console().print(found.tables())
@@ -262,11 +261,10 @@ def gradient(
 
     Example: ngfsi gradient calf.toml --of sawss_mean --window 0.5,1 --by materials.tissue,loads.inlet_flow
     """
-    from ngfsi.case import Case
     from ngfsi.gradient import command
     from ngfsi.report.terminal import console
 
-    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    chosen = _chosen(case, changes)
     folder = output or Path("runs") / f"gradient-{chosen.name}"
     with _interruptible(folder):
         found = command.gradient(chosen, of, by, window, folder, (lambda _: None) if quiet else _say)
@@ -311,11 +309,10 @@ def calibrate(
     Example: ngfsi calibrate calf.toml --data areas.csv --by materials.tissue.K,materials.wall.young --prior
     materials.wall.young_MPa=0.6,0.2
     """
-    from ngfsi.case import Case
     from ngfsi.gradient import calibrate as command
     from ngfsi.report.terminal import console
 
-    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    chosen = _chosen(case, changes)
     folder = output or Path("runs") / f"calibrate-{chosen.name}"
     say = (lambda _: None) if quiet else _say
     with _interruptible(folder):
@@ -349,11 +346,10 @@ def design(
 
     Example: ngfsi design calf.toml --mean 12mmHg --high 24mmHg
     """
-    from ngfsi.case import Case
     from ngfsi.gradient import design_command as command
     from ngfsi.gradient.design import Limits
 
-    chosen = Case.from_toml(case).replace(**dict(map(parse_change, changes or ())))
+    chosen = _chosen(case, changes)
     limits = Limits(
         mean=command.pressure(mean, "--mean"), high=command.pressure(high, "--high"), loss=loss,
         jump=command.pressure(jump, "--jump") if jump else float("inf"),
@@ -617,6 +613,13 @@ def parse_change(text: str) -> tuple[str, Any]:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return key.strip(), value.strip()
+
+
+def _chosen(path: Path, changes: list[str] | None) -> Case:
+    """Return the case in a file with the values of --set."""
+    from ngfsi.case import Case
+
+    return Case.from_toml(path).replace(**dict(map(parse_change, changes or ())))
 
 
 def _followed(
