@@ -65,25 +65,15 @@ Owed = defaultdict[int, Array]
 
 
 @dataclass(frozen=True)
-class Moment:
-    """A state that was solved for: that of a step, or of a stage within one.
+class Moment(Solved):
+    """What was solved, one of all in a run: `earlier` has their numbers in the run; `step` is infinite at rest.
 
     Attributes:
-        time, step: s; the step infinite at rest.
-        new: weight of the state in its rates (1/s).
-        state: of all unknowns.
         histories: of velocity and acceleration, without the new state's part.
-        earlier: the moments of which the histories are sums, with the weights of state and rate in that of the
-            velocity, which are those of rate and acceleration in that of the acceleration.
         accepted: whether the state is one of the run, which is measured.
     """
 
-    time: float
-    step: float
-    new: float
-    state: Array
     histories: tuple[Array, Array]
-    earlier: Mapping[int, tuple[float, float]]
     accepted: bool
 
     @property
@@ -220,7 +210,7 @@ class StoredStates:
         self.relaxation = None if system.relaxation is None else np.array(system.relaxation.vec.FV().NumPy())
         system.prescribe()
         zero = np.zeros(system.unknowns.size)
-        self.moments = [Moment(0.0, np.inf, 0.0, system.values.copy(), (zero, zero), {}, accepted=True)]
+        self.moments = [Moment(0.0, np.inf, 0.0, system.values.copy(), {}, (zero, zero), accepted=True)]
         loop = TimeLoop(tight, system, newton, Deformation(system).inversion, say)
         for _ in loop.run():
             last = len(self.moments) - 1
@@ -238,7 +228,7 @@ class StoredStates:
             if of_rate:
                 acceleration += of_rate * moment.acceleration
         self.moments.append(
-            Moment(solved.time, solved.step, solved.new, solved.state, (velocity, acceleration), earlier, accepted)
+            Moment(solved.time, solved.step, solved.new, solved.state, earlier, (velocity, acceleration), accepted)
         )
 
     @property
