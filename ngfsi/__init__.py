@@ -2,7 +2,7 @@
 
 import os
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 # NGSolve's own threads do the work. Those of its BLAS, for the small matrices of single elements, and those of MKL,
 # which by default go on spinning for 0.2 s after each call, take the processors from them: a run of the calf with two

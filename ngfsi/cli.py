@@ -161,6 +161,29 @@ def new(
 
 
 @app.command()
+def migrate(
+    case: Annotated[Path, typer.Argument(help="Case file of an older format.", metavar="CASE.toml")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="File to write; default <name>-<format>.toml.", show_default=False),
+    ] = None,
+) -> None:
+    """Write a case file of an older format in the present one.
+
+    Comments stay. What is changed is said, and the old file is left as it is.
+
+    Example: ngfsi migrate leg.toml -o leg-new.toml
+    """
+    from ngfsi.case.formats import FORMAT
+    from ngfsi.run.new import migrate as write
+
+    path = output or case.with_name(f"{case.stem}-{FORMAT}.toml")
+    for sentence in write(case, path):
+        typer.echo(sentence)
+    typer.echo(f"The case in format {FORMAT} is in '{path}'")
+
+
+@app.command()
 def schema(_: Plugin = None) -> None:
     """Print the JSON schema of case files.
 
@@ -594,8 +617,8 @@ def report(
 
 
 OWN = (
-    "run", "new", "schema", "check", "resume", "gradient", "study", "verify", "bench", "materials", "info", "cite",
-    "export", "animate", "view", "report",
+    "run", "new", "migrate", "schema", "check", "resume", "gradient", "study", "verify", "bench", "materials", "info",
+    "cite", "export", "animate", "view", "report",
 )  # fmt: skip
 """The commands above; others are registered by packages."""
 

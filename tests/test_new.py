@@ -14,6 +14,7 @@ import pytest
 
 from ngfsi import cli, registry
 from ngfsi.case import Case
+from ngfsi.case.formats import FORMAT
 from ngfsi.config.describe import json_schema
 from ngfsi.errors import CaseError, OutputError
 from ngfsi.run.new import GROUP, SCHEMA, new
@@ -42,7 +43,7 @@ def test_a_template_is_the_case_without_its_comments(kind: str, written: dict[st
     path = written[kind]
     text = path.read_text(encoding="utf-8")
     plain = registry.find(GROUP, kind, "template")(None)
-    assert tomllib.loads(text) == tomllib.loads(plain)
+    assert tomllib.loads(text) == {"format": FORMAT, **tomllib.loads(plain)}
     case = Case.from_toml(path)
     full = path.with_name("full.toml")
     lines, left_out = [], 0

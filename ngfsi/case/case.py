@@ -25,12 +25,14 @@ from pydantic import (
 from pydantic_core import PydanticCustomError, core_schema
 
 from ngfsi import registry
+from ngfsi.case.formats import FORMAT, PATTERN, migrated, reason_not_read
+from ngfsi.case.formats import KEY as FORMAT_KEY
 from ngfsi.case.geometries import GROUP, find_geometry, is_geometry, name_of
 from ngfsi.conditions import ConditionModel, ContactModel, Cuff, FlowOpening, OpeningModel, PressureOpening
 from ngfsi.config.functions import FlowConstant, FlowCurve, PressureConstant, PressureCurve
 from ngfsi.config.messages import key_error
 from ngfsi.config.model import ConfigModel, one_of, registered
-from ngfsi.errors import CaseError, GeometryError
+from ngfsi.errors import CaseError, GeometryError, NgfsiError
 from ngfsi.materials import FluidMaterial, SolidLaw, SolidMaterial
 from ngfsi.materials.membrane import Membrane
 from ngfsi.mesh.geometry import COMPARTMENTS
@@ -277,6 +279,8 @@ class Output(ConfigModel):
 class Case(ConfigModel):
     """One run."""
 
+    format: str = Field(default=FORMAT, pattern=PATTERN)
+    """Of this file; `ngfsi migrate` writes files of older formats anew."""
     name: str
     """Of the run and its folder, in letters, digits, '_', '-' and '.'."""
     geometry: Annotated[Any, _AnyGeometry()]
@@ -291,6 +295,17 @@ class Case(ConfigModel):
     scalars: tuple[Annotated[ScalarModel, registered("kind", "ngfsi.scalars", ScalarModel)], ...] = ()
     """What the blood carries, without an influence on the flow: scalars by the `kind` under which they are registered.
     """
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_of_a_format_that_is_read(cls, data: Any) -> Any:
+        """Say so before keys are refused that another format has."""
+        written = data.get(FORMAT_KEY) if isinstance(data, dict) else None
+        if isinstance(written, str) and re.match(PATTERN, written) and (
+            reason := reason_not_read(written)
+        ):  # fmt: skip
+            raise key_error(FORMAT_KEY, reason)
+        return data
 
     @model_validator(mode="after")
     def _each_region_has_a_material(self) -> Self:
@@ -366,7 +381,8 @@ class Case(ConfigModel):
             CaseError: the file cannot be read, is not TOML, or a key or value in it is refused.
         """
         try:
-            data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+            text = Path(path).read_text(encoding="utf-8")
+            data = tomllib.loads(text)
         except OSError as error:
             raise CaseError(f"the case file '{path}' cannot be read: {error.strerror or error}") from None
         except UnicodeDecodeError:
@@ -376,7 +392,13 @@ class Case(ConfigModel):
         except (ValueError, RecursionError):  # of Python itself, which TOML's parser passes on
             raise CaseError(f"the case file '{path}' holds a number too long or tables too deeply nested") from None
         _place_files(data, Path(path).absolute().parent)
-        return cls.from_dict(data, source=str(path))
+        try:
+            return cls.from_dict(data, source=str(path))
+        except NgfsiError as error:
+            if FORMAT_KEY in data or not migrated(text)[1]:
+                raise
+            advice = f"the file is of an older format: `ngfsi migrate {path}` writes it anew"
+            raise type(error)(f"{error}; {advice}") from None
 
     def to_toml_dict(self) -> dict[str, Any]:
         """Return plain tables, lists and scalars with SI keys, from which `from_dict` gives an equal case."""
@@ -390,8 +412,8 @@ class Case(ConfigModel):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the content without the name: equal for cases that must give equal results."""
-        content = {key: value for key, value in self.to_toml_dict().items() if key != "name"}
+        """SHA-256 of the content without name and format: equal for cases that must give equal results."""
+        content = {key: value for key, value in self.to_toml_dict().items() if key not in ("name", FORMAT_KEY)}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

@@ -1,4 +1,5 @@
-"""Case files to begin with: registered templates, with the meaning of their keys and those that they leave out."""
+"""Case files to begin with: registered templates, with the meaning of their keys and those that they leave out; and
+files of older formats, written anew."""
 
 from __future__ import annotations
 
@@ -12,16 +13,18 @@ from typing import Any
 import tomli_w
 
 from ngfsi import registry
+from ngfsi.case import formats
 from ngfsi.case.case import Case, Conditions, Materials, Output, Solver, kind_of
 from ngfsi.config.describe import json_schema, meaning
 from ngfsi.config.model import ConfigModel, dimension_of_field, keys_of
-from ngfsi.errors import NgfsiError, OutputError
-from ngfsi.store.disk import explained
+from ngfsi.errors import CaseError, NgfsiError, OutputError
+from ngfsi.store.disk import explained, replace_file
 from ngfsi.units import from_si, readable
 
 GROUP = "ngfsi.templates"
 SCHEMA = "ngfsi.schema.json"
 FILE = re.compile(r"^file = .*$", re.MULTILINE)
+NAME = re.compile(r"^(?=name = )", re.MULTILINE)
 HEADER = re.compile(r"\[+([\w.]+)\]+\s*$")
 KEY = re.compile(r"\w+")
 WIDTH = 120
@@ -52,6 +55,7 @@ def new(kind: str, path: Path, file: Path | None = None) -> str:
             if not FILE.search(text):
                 raise OutputError(f"the template '{kind}' needs no file: leave out --file, or take 'mesh' or 'image'")
             text = FILE.sub(lambda _: _line("file", str(file.absolute())), text)
+        text = NAME.sub(f"{_line(formats.KEY, formats.FORMAT)}\n", text, count=1)
         text = f"#:schema {SCHEMA}\n{text}"
         path.write_text(text, encoding="utf-8")
         (path.parent / SCHEMA).write_text(json.dumps(json_schema(Case), indent=1) + "\n", encoding="utf-8")
@@ -61,6 +65,24 @@ def new(kind: str, path: Path, file: Path | None = None) -> str:
             return str(error)
         path.write_text(commented(text, case), encoding="utf-8")
     return ""
+
+
+def migrate(path: Path, output: Path) -> list[str]:
+    """Write a case file in the present format; return what was changed, in sentences.
+
+    Raises:
+        CaseError: the file cannot be read, or is not TOML.
+        OutputError: the output is there already, or cannot be written.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaseError(f"the case file '{path}' cannot be read: {error}") from None
+    new, said = formats.migrated(text)
+    if output.exists():
+        raise OutputError(f"'{output}' is there already: name another file with --output")
+    replace_file(output, new.encode())
+    return said
 
 
 def commented(text: str, case: Case) -> str:

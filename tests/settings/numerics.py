@@ -11,8 +11,10 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
+from ngfsi.case import Case
+from ngfsi.case.formats import FORMAT
 from ngfsi.config import functions as curves
-from ngfsi.errors import SolverError
+from ngfsi.errors import CaseError, SolverError
 from ngfsi.linear.backends import choose_backend
 from ngfsi.run.computation import run
 from ngfsi.solve.time_loop import TimeLoop
@@ -225,6 +227,18 @@ def _checkpoints() -> Outcome:
     """At the start, and by the number of steps or by the clock."""
     every = checkpoints(**{"output.checkpoint_every": 2}), checkpoints(**{"output.checkpoint_interval": 1e-9})
     return [len(checkpoints()), *map(len, every)], [1, 2, 3]
+
+
+@entry("Case.format")
+def _format() -> Outcome:
+    """A file that names no format is of the present one; others are refused (tests/test_formats.py)."""
+    without = {key: value for key, value in case_of(BONED).to_toml_dict().items() if key != "format"}
+    newer = f"{int(FORMAT.partition('.')[0]) + 1}.0"
+    try:
+        Case.from_dict({**without, "format": newer})
+    except CaseError as error:
+        return [Case.from_dict(without).format, newer in str(error)], [FORMAT, True]
+    return "accepted", "refused"
 
 
 @entry("Case.name")

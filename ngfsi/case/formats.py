@@ -1,0 +1,116 @@
+"""Versions of the format of case files: which are read, and how a file of an older one is written anew.
+
+The first number changes where a file would be refused, or mean something else; the second where keys are added. A file
+that does not name its format is read as one of the present format.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from math import sqrt
+from typing import Any
+
+from ngfsi import registry
+from ngfsi.case.geometries import GROUP
+from ngfsi.errors import CaseError
+from ngfsi.units import UNITS, from_si, to_si
+
+FORMAT = "1.0"
+KEY = "format"
+PATTERN = r"^\d+\.\d+$"
+BEFORE = "0.0"
+"""Of files from before formats were numbered."""
+SOURCE_WALL = "vein_wall_source"
+
+
+def reason_not_read(written: str) -> str:
+    """Return why a file of a format is not read, or nothing if it is."""
+    found, known = _numbers(written), _numbers(FORMAT)
+    if found > known:
+        return f"is '{written}', and this ngfsi reads '{FORMAT}': install a newer one"
+    if found[0] < known[0]:
+        return f"is '{written}', and this ngfsi reads '{FORMAT}': `ngfsi migrate FILE` writes the case anew"
+    return ""
+
+
+def _numbers(written: str) -> tuple[int, ...]:
+    return tuple(int(number) for number in written.split("."))
+
+
+def migrated(text: str) -> tuple[str, list[str]]:
+    """Return the text of a case file in the present format, with its comments, and what was changed, in sentences.
+
+    Raises:
+        CaseError: the text is not TOML.
+    """
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
+    try:
+        case = tomlkit.parse(text)
+    except TOMLKitError as error:
+        raise CaseError(f"the case file is not valid TOML: {error}") from None
+    written = str(case.get(KEY, BEFORE))
+    if not re.match(PATTERN, written):
+        raise CaseError(f"'{KEY}' is '{written}': write two numbers, as in {KEY} = \"{FORMAT}\"")
+    if _numbers(written) > _numbers(FORMAT):
+        raise CaseError(f"'{KEY}' {reason_not_read(written)}")
+    if written == FORMAT:
+        return text, []
+    said = [sentence for major, step in STEPS if _numbers(written)[0] < major for sentence in step(case)]
+    if KEY in case:
+        case[KEY] = FORMAT
+        return tomlkit.dumps(case), said
+    return f'{KEY} = "{FORMAT}"\n{tomlkit.dumps(case)}', said
+
+
+def _geometries_by_name(case: Any) -> Iterator[str]:
+    geometry = case.get("geometry", {})
+    path = str(geometry.get("type", ""))
+    name = registry.named_like(GROUP, path) if ":" in path else None
+    if name:
+        geometry["type"] = name
+        yield f'geometry.type is a name, "{name}", in place of "{path}"'
+
+
+def _ratio_of_axes(case: Any) -> Iterator[str]:
+    geometry = case.get("geometry", {})
+    key = next((key for key in geometry if key == "oval" or key.removeprefix("oval_") in UNITS), None)
+    if key is None:
+        return
+    more = to_si(float(geometry.pop(key)), key.removeprefix("oval_"))
+    size = next((key for key in geometry if key.startswith("lumen_diameter_")), None)
+    if size is None:
+        yield f"geometry.{key} is gone, and the vein round: write lumen_axes_mm, the lumen's two axes"
+        return
+    unit = size.removeprefix("lumen_diameter_")
+    radius = to_si(float(geometry[size]), unit) / 2
+    a, b = radius + more, radius - more
+    geometry[size] = float(f"{from_si(2 * sqrt(a * b), unit):.6g}")
+    geometry["aspect_ratio"] = float(f"{a / b:.6g}")
+    yield f"geometry.aspect_ratio and {size}, that of the circle of the same area, are in place of {key}"
+
+
+def _smoothing(case: Any) -> Iterator[str]:
+    if case.get("geometry", {}).pop("pieces", None) is not None:
+        yield "geometry.pieces is gone: smoothing_mm, the length over which sections are averaged, has its default"
+
+
+def _wall_of_the_source(case: Any) -> Iterator[str]:
+    for region, material in case.get("materials", {}).items():
+        if isinstance(material, dict) and material.get("set") == "vein_wall":
+            material["set"] = SOURCE_WALL
+            yield (
+                f'materials.{region}.set is "{SOURCE_WALL}", which is what "vein_wall" was: "vein_wall" now is the law '
+                "of the same constants that resists compression"
+            )
+
+
+STEPS: tuple[tuple[int, Callable[[Any], Iterator[str]]], ...] = (
+    (1, _geometries_by_name),
+    (1, _ratio_of_axes),
+    (1, _smoothing),
+    (1, _wall_of_the_source),
+)
+"""The first number of the format that a step leads to, and the step, which changes the case and says how."""
