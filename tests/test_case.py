@@ -150,7 +150,7 @@ def test_an_override_may_use_any_unit() -> None:
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        ("tiem", 3, "'tiem' is not a known key: did you mean 'time'? accepted here are format, name, geometry, materials"),
+        ("tiem", 3, "'tiem' is not a known key: did you mean 'time'? accepted here are format, name, geometry"),
         ("name", None, "'name' is missing: a Case needs it"),
         ("name", "a/b", "name: 'a/b' cannot name a folder"),
         ("name", "..", "name: '..' cannot name a folder"),
