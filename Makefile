@@ -16,7 +16,7 @@ test: lint types pytest
 
 # The site, in site/: every link in it leads somewhere, or this fails
 docs: $(VENV)/ready
-	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs site
+	$(BIN)/sphinx-build --fresh-env --quiet --fail-on-warning --keep-going docs site
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .

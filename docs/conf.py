@@ -47,6 +47,8 @@ def read(_: Any, page: str, source: list[str]) -> None:
         text = tutorial(ROOT / "docs" / page)
     if page == "case_file":
         text += f"\n\n{reference(json_schema(Case))}"
+    if page == "gallery":
+        text += "".join(map(pictures, sorted((ROOT / "docs").rglob("*.md"))))
     if page in PARTS:
         text = f"---\norphan: true\n---\n{text}"
     for name, file in BESIDE.items():
@@ -64,6 +66,19 @@ def tutorial(path: Path) -> str:
     cells = [f"```python\n{one.source}\n```" if one.cell_type == "code" else one.source for one in notebook.cells]
     files = f"As a script: {{download}}`{name}.py`, as a notebook: {{download}}`{name}.ipynb`."
     return "\n\n".join([*cells, f"It prints\n\n```text\n{printed}```\n\nand draws", f"![{name}]({name}.png)", files])
+
+
+def pictures(path: Path) -> str:
+    """Return the pictures of a page, small, with its title and what they show; each leads to the page."""
+    text, page = path.read_text(encoding="utf-8"), path.relative_to(ROOT / "docs")
+    found = re.findall(r"^!\[(.+?)\]\((.+?)\)", text, re.MULTILINE)
+    if page.parts[0] == "tutorials":
+        text, found = path.with_suffix(".py").read_text(encoding="utf-8"), [(page.stem, f"{page.stem}.png")]
+    title = re.search(r"^(?:# )?# ([^%].*)$", text, re.MULTILINE)
+    if not found or not title or page.name == "index.md":
+        return ""
+    small = [f'[![{said}]({page.parent / file}){{width="32%"}}]({page})' for said, file in found]
+    return f"\n\n## [{title[1]}]({page})\n\n{' '.join(small)}"
 
 
 def signature(_: Any, what: str, name: str, thing: Any, *__: Any) -> tuple[str, str] | None:  # noqa: ARG001

@@ -51,6 +51,20 @@ def test_pages(site: Path) -> None:
         assert fetched == []
 
 
+def test_every_picture_is_in_the_gallery(site: Path) -> None:
+    shown = set(re.findall(r'<img[^>]*src="_images/([^"]+)"', (site / "gallery.html").read_text("utf-8")))
+    docs = ROOT / "docs"
+    pages = [page for page in docs.rglob("*.md") if page != docs / "index.md"]
+    there = {
+        Path(name).name for page in pages for name in re.findall(r"^!\[.+?\]\((.+?)\)", page.read_text("utf-8"), re.M)
+    } | {picture.name for picture in (docs / "tutorials").glob("*.png")}
+    assert len(there) > 50
+    # a picture whose name another has is numbered
+    assert {re.sub(r"\d+(?=\.\w+$)", "", name) for name in shown} == {
+        re.sub(r"\d+(?=\.\w+$)", "", name) for name in there
+    }
+
+
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="there is no Chrome or Chromium")
 def test_search_finds_in_a_browser(site: Path) -> None:
     browser = next(filter(None, map(shutil.which, BROWSERS)))
