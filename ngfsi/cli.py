@@ -591,8 +591,11 @@ def report(
     output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("runs/report.html"),
     claims: Annotated[Path | None, typer.Option(help="Printed numbers in TOML; default those of the studies.")] = None,
     figures: Annotated[
-        Path | None, typer.Option(help="Folder for the charts as SVG and PNG.", metavar="FOLDER")
+        Path | None, typer.Option(help="Folder for the charts as SVG, PDF and PNG.", metavar="FOLDER")
     ] = None,
+    width_mm: Annotated[
+        float, typer.Option(min=50, max=500, help="Width of these; a column of a journal has 80 to 90.")
+    ] = 170,
     _: Plugin = None,
 ) -> None:
     """Show runs in one HTML file.
@@ -604,6 +607,7 @@ def report(
     from ngfsi.report.html import figures as draw
     from ngfsi.report.html import report as write
     from ngfsi.store.disk import explained
+    from ngfsi.units import to_si
 
     if claims:
         with explained(claims, "read"):
@@ -613,7 +617,7 @@ def report(
         printed = {key: value for claims_of in found for key, value in claims_of().items()}
     typer.echo(f"The report is '{write(folders, output, printed)}'")
     if figures:
-        typer.echo(f"{len(draw(folders, figures))} figures are in '{figures}'")
+        typer.echo(f"{len(draw(folders, figures, to_si(width_mm, 'mm')))} figures are in '{figures}'")
 
 
 OWN = (

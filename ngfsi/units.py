@@ -40,6 +40,10 @@ class Unit(NamedTuple):
 MMHG = 133.322
 """One millimetre of mercury in pascal."""
 
+INCH = 0.0254
+DOT, POINT = INCH / 96, INCH / 72
+"""Pixel of SVG and of CSS, and point of fonts, in metres (W3C, CSS Values and Units Level 3)."""
+
 UNITS: dict[str, Unit] = {
     "m": Unit("length", 1.0),
     "cm": Unit("length", 1e-2),

@@ -29,8 +29,15 @@ from ngfsi.report.shapes import MOVED, is_plane
 from ngfsi.report.tables import ERRORS_HEAD, error_rows, flat
 from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.stored import StoredRun, open_run
-from ngfsi.units import Shown, in_unit, to_si, unit_of
+from ngfsi.units import DOT, INCH, POINT, Shown, in_unit, to_si, unit_of
 
+PAGE = to_si(170.0, "mm")
+"""Width of the text of a journal's page."""
+FONT = {"family": "Arial, Helvetica, DejaVu Sans, sans-serif", "size": 8 * POINT / DOT}
+TALLEST, TALLEST_IN_SPACE = 1.0, 0.5
+"""Height of a figure over its width, at most; what is seen in 3-D is cut at the sides where the figure is higher."""
+DOTS_OF_PRINT = 300
+"""In an inch."""
 REFERENCES = (
     "Y. Wang, PhD thesis on the effect of external compression on the deep veins of the calf (supervisor X. Y. Xu); "
     "Wang et al., Med Eng Phys (2011).",
@@ -109,32 +116,47 @@ def report(folders: Sequence[Path], destination: Path, claims: Mapping[str, Any]
     return destination
 
 
-def figures(folders: Sequence[Path], destination: Path) -> list[Path]:
-    """Write each chart of the report of stored runs as SVG and as PNG, those in 3-D as PNG, and return the files.
+def figures(folders: Sequence[Path], destination: Path, width: float = PAGE) -> list[Path]:
+    """Write each chart of the report of stored runs as SVG, PDF and PNG, those in 3-D as PNG, and return the files.
+
+    Args:
+        width: of the figures (m), whose text has 8 points.
 
     Raises:
         OutputError: a folder holds no run, there is no browser to draw with, or the files cannot be written.
     """
-    drawn: list[go.Figure] = []
-    paths: list[Path] = []
+    drawn: list[dict[str, Any]] = []
     with explained(destination, "made"):
         destination.mkdir(parents=True, exist_ok=True)
     for title, parts in _charts(_named(folders)):
         for figure in parts:
             if isinstance(figure, go.Figure):
-                figure.update_layout(title=title, width=1000, margin_t=80)
+                _print(figure, title)
                 in_space = any(trace.type == "mesh3d" for trace in figure.data)
-                for kind in ("png",) if in_space else ("svg", "png"):
-                    drawn.append(figure)
-                    paths.append(destination / f"{_slug(title)}.{kind}")
+                for kind in ("png",) if in_space else ("svg", "pdf", "png"):
+                    scale = DOTS_OF_PRINT * DOT / INCH if kind == "png" else 1.0
+                    highest = (TALLEST_IN_SPACE if in_space else TALLEST) * width / DOT
+                    size = {"width": width / DOT, "height": min(figure.layout.height, highest)}
+                    file = destination / f"{_slug(title)}.{kind}"
+                    drawn.append({"fig": figure, "file": file, "scale": scale, **size})
     try:
-        write_images(drawn, paths, scale=2)
+        write_images(**{key: [one[key] for one in drawn] for key in ("fig", "file", "scale", "width", "height")})
     except Exception as error:  # of kaleido and of the browser, which have no common class
         raise OutputError(
             "figures are drawn by kaleido with Chrome or Chromium, which did not work here (pip install kaleido; on "
             f"Debian or Ubuntu: apt-get install chromium): {error}"
         ) from None
-    return paths
+    return [one["file"] for one in drawn]
+
+
+def _print(figure: go.Figure, title: str) -> None:
+    """Give a figure what it has on paper: its title, text of one size, the legend below, and nothing to move."""
+    figure.update_layout(
+        title=title, title_yref="container", title_y=0.98, title_yanchor="top", font=FONT, title_font=FONT,
+        legend={"yref": "container", "y": 0, "yanchor": "bottom"}, margin_t=50,
+    )  # fmt: skip
+    figure.layout.sliders = ()
+    figure.update_xaxes(title_font=FONT).update_yaxes(title_font=FONT).update_annotations(font=FONT)
 
 
 def _in_html(title: str, part: Part) -> Part:

@@ -89,12 +89,22 @@ def test_runs_without_steps_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason=f"no browser is installed: {', '.join(BROWSERS)}")
 def test_figures(stored: StoredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each chart is drawn as SVG with its title and the units of its axes, and as PNG that is not blank."""
+    """Each chart has the width asked for, its title and the units of its axes; those in 3-D are not blank."""
     few = [chart for chart in report_module.CHARTS if chart.title in ("Area of the lumen", "Vein in 3-D")]
     monkeypatch.setattr(report_module, "CHARTS", few)
-    files = {path.name: path for path in figures([stored.path], tmp_path / "figures")}
-    assert set(files) == {"area_of_the_lumen.svg", "area_of_the_lumen.png", "vein_in_3_d__fake.png"}
+    files = {path.name: path for path in figures([stored.path], tmp_path / "figures", 0.085)}
+    kinds = {f"area_of_the_lumen.{kind}" for kind in ("svg", "pdf", "png")}
+    assert set(files) == {*kinds, "vein_in_3_d__fake.png"}
+    # 85 mm, as PDF in points, as SVG in pixels of CSS, as PNG with 300 dots in an inch
+    box = re.search(rb"MediaBox \[0 0 ([\d.]+) ", files["area_of_the_lumen.pdf"].read_bytes())
+    assert box
+    assert float(box[1]) / 72 * 25.4 == pytest.approx(85, rel=2e-3, abs=0)
+    for name in ("area_of_the_lumen.png", "vein_in_3_d__fake.png"):
+        assert PIL.Image.open(files[name]).width / 300 * 25.4 == pytest.approx(85, rel=2e-3, abs=0)
     drawing = files["area_of_the_lumen.svg"].read_text(encoding="utf-8")
+    wide = re.search(r'<svg[^>]* width="([\d.]+)"', drawing)
+    assert wide
+    assert float(wide[1]) / 96 * 25.4 == pytest.approx(85, rel=2e-3, abs=0)
     for text in ("Area of the lumen", "time [s]", "mean area [% of t = 0]"):
         assert f">{text}</text>" in drawing
     picture = np.asarray(PIL.Image.open(files["vein_in_3_d__fake.png"]).convert("RGB"))
