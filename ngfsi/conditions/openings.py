@@ -20,7 +20,7 @@ from ngfsi.conditions.condition import Condition, OpeningModel, Setup, WithValue
 from ngfsi.conditions.profiles import SAMPLES, developed, developed_of_law, inwards, oscillating, rim, womersley
 from ngfsi.config.functions import FlowCurve, PressureConstant, PressureCurve
 from ngfsi.errors import CaseError
-from ngfsi.mesh.domain import Domain, elements_at
+from ngfsi.mesh.domain import Domain, elements_behind
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, VELOCITY
@@ -412,7 +412,7 @@ def through(
     """Return an integrand, which may hold the whole gradient, on a boundary of the blood, the normal pointing out."""
     face = GridFunction(ng.FacetFESpace(domain.mesh, order=0))
     face.Set(1, definedon=domain.boundaries(boundary))
-    near = elements_at(domain, lumen, boundary)
+    near = elements_behind(domain, lumen, boundary)
     if elements is not None:
         near &= elements
     measure = domain.dx(lumen, element_boundary=True, definedonelements=near, bonus_intorder=bonus)

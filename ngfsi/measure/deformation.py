@@ -6,7 +6,7 @@ import ngsolve as ng
 import numpy as np
 
 from ngfsi.materials.solid.fibres import Fibred
-from ngfsi.measure.ellipticity import Ellipticity, EllipticityInAllDirections, extreme
+from ngfsi.measure.ellipticity import Ellipticity, EllipticityInAllDirections, extreme, principal_stretches
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics, in_3d
 from ngfsi.system.system import System
@@ -102,7 +102,7 @@ class Deformation:
         if region not in self._resistance and region not in self._in_all:
             return ""
         F = np.asarray(self._strain(self._points[region])).reshape(-1, 3, 3)
-        stretches = np.sqrt(np.maximum(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F), 0.0))
+        stretches = principal_stretches(F)
         chosen = extreme(stretches)
         if region in self._in_all:
             ways = [np.asarray(one(self._points[region])).reshape(-1, 3) for one in self._fibred[region].directions]

@@ -18,7 +18,7 @@ from ngfsi.measure.plane import PlaneSectionProbe
 from ngfsi.measure.scalars import Scalars
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.transmural import Side
-from ngfsi.measure.wall import ShearStatistics, Wall
+from ngfsi.measure.wall import INTEGRATE, ShearStatistics, Wall
 from ngfsi.mesh.centreline import Centreline, find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
@@ -26,29 +26,39 @@ from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
 
-INTEGRATE = 5
-"""Order of NGSolve's `Integrate` for a sum of integrals."""
 DRAWN = 41
 """Points by which a curved centreline is stored."""
 NO_SHEAR = ShearStatistics(0.0, 0.0, 0.0, 0.0)
 
 
 class Integrals:
-    """Named integrals over the present state, each computed once; `forget` after each step."""
+    """Named integrals over the present state, each computed once; `forget` after each step.
+
+    Those that are defined together are integrated together, for what they have in common.
+    """
 
     def __init__(self, mesh: Any) -> None:
         self._mesh = mesh
-        self._integrals: dict[str, Any] = {}
+        self._groups: dict[str, tuple[list[str], Any, Any, int]] = {}
         self._known: dict[str, float] = {}
 
-    def define(self, integrals: Mapping[str, Any]) -> None:
-        """Add integrals by name."""
-        self._integrals |= integrals
+    def define(self, region: Any, bonus: int, integrands: Mapping[str, Any]) -> None:
+        """Add integrals by name.
+
+        Args:
+            region: of the mesh, or of its boundary.
+            bonus: order of integration beyond `INTEGRATE`.
+            integrands: scalar.
+        """
+        names, together = list(integrands), ng.CF(tuple(integrands.values())).Compile()
+        self._groups |= dict.fromkeys(names, (names, together, region, INTEGRATE + bonus))
 
     def __call__(self, name: str) -> float:
         """Return a named integral, SI."""
         if name not in self._known:
-            self._known[name] = float(ng.Integrate(self._integrals[name], self._mesh))
+            names, together, region, order = self._groups[name]
+            values = np.atleast_1d(ng.Integrate(together, self._mesh, definedon=region, order=order))
+            self._known |= dict(zip(names, map(float, values), strict=True))
         return self._known[name]
 
     def forget(self) -> None:
@@ -123,35 +133,36 @@ class VesselProbe:
         return self.integral(f"p*size {what}") / self.integral(f"size {side or region}")
 
     def _define(self) -> None:
-        system, vessel = self.system, self.vessel
-        dx, ds, f, order = self.domain.dx, self.domain.ds, system.fields(), system.unknowns.order
-        k, normal = Kinematics(f.grad_motion), self.domain.outward_normal(str(vessel.lumen))
+        system, vessel, domain = self.system, self.vessel, self.domain
+        f, order = system.fields(), system.unknowns.order
+        k, normal = Kinematics(f.grad_motion), domain.outward_normal(str(vessel.lumen))
         # both are polynomials of at most this order on each element
-        exact = 3 * max(order, self.domain.geometry.curving_order) - 1
-        whole = {"bonus_intorder": max(exact - INTEGRATE, 0)}
-        lumen = dx(str(vessel.lumen), **whole)
+        exact = 3 * max(order, domain.geometry.curving_order) - 1
         rate = InnerProduct(k.cof, f.grad_motion_rate)
-        self.integral.define({"lumen volume": k.J * lumen, "lumen rate": rate * lumen})
+        self.integral.define(domain.materials(str(vessel.lumen)), max(exact - INTEGRATE, 0),
+                             {"lumen volume": k.J, "lumen rate": rate})  # fmt: skip
         flux, through = (terms.relative_flux(k, u, normal) for u in (f.relative, f.velocity))
         size = ng.Norm(k.cof * normal)
         for name in vessel.openings:
-            over = ds(name, bonus_intorder=2 * order)
-            self.integral.define({f"flux {name}": flux * over, f"through {name}": through * over,
-                                  f"size {name}": size * over, f"p*size {name}": f.pressure * size * over})  # fmt: skip
+            found = {"flux": flux, "through": through, "size": size, "p*size": f.pressure * size}
+            self.integral.define(domain.boundaries(name), 2 * order,
+                                 {f"{what} {name}": integrand for what, integrand in found.items()})  # fmt: skip
         self._define_wall()
 
     def _define_wall(self) -> None:
         """Integrals of the hydrostatic pressure: over the wall, and on both sides of its outer face."""
-        system, wall, normal = self.system, self.vessel.wall, ng.specialcf.normal(3)
+        system, domain, wall, normal = self.system, self.domain, self.vessel.wall, ng.specialcf.normal(3)
+        sides: dict[str, Any] = {}
         for name, side in self._sides.items():
             p = terms.hydrostatic_pressure(system.solids[name], side.strain)
-            area, outer = ng.Norm(side.motion.cof * normal), self.domain.ds(str(self.vessel.outer))
-            self.integral.define({f"p*size {name}@outer": (p * area).Compile() * outer,
-                                  "size outer": area.Compile() * outer})  # fmt: skip
+            area = ng.Norm(side.motion.cof * normal)
+            sides |= {f"p*size {name}@outer": p * area, "size outer": area}
+        if sides:
+            self.integral.define(domain.boundaries(str(self.vessel.outer)), 0, sides)
         if wall:
-            k, within = Kinematics(ng.Grad(system.motion)), self.domain.dx(wall)
-            p = terms.hydrostatic_pressure(system.solids[wall], system.deformation_gradient()).Compile()
-            self.integral.define({f"p*size {wall}": (p * k.J).Compile() * within, f"size {wall}": k.J * within})
+            k = Kinematics(ng.Grad(system.motion))
+            p = terms.hydrostatic_pressure(system.solids[wall], system.deformation_gradient())
+            self.integral.define(domain.materials(wall), 0, {f"p*size {wall}": p * k.J, f"size {wall}": k.J})
 
 
 def _drawn(line: Centreline) -> list[list[float]]:
@@ -214,7 +225,7 @@ class Probe:
 
     def _define_skin(self) -> None:
         self._pressure = sum((c.pressure for c in self._pressing[1:]), start=ng.CF(self._pressing[0].pressure))
-        over = self.domain.ds("skin", bonus_intorder=2 * self.system.unknowns.order)
         k = Kinematics(ng.Grad(self.system.motion))
         size = ng.Norm(k.cof * ng.specialcf.normal(self.domain.mesh.dim))
-        self.integral.define({"p*size skin": self._pressure * size * over, "size skin": size * over})
+        self.integral.define(self.domain.boundaries("skin"), 2 * self.system.unknowns.order,
+                             {"p*size skin": self._pressure * size, "size skin": size})  # fmt: skip

@@ -32,6 +32,8 @@ from ngfsi.system.unknowns import same_functions
 Method = Literal["gradient", "consistent"]
 
 METHOD: Method = "gradient"
+INTEGRATE = 5
+"""Order of NGSolve's `Integrate` for a sum of integrals."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,13 @@ class Wall:
             "consistent": (-terms.tangential(self._traction.field, normal)).Compile(),
         }
         self.shear = self.shears[METHOD]
+        self._threshold = ng.Parameter(0.0)
+        self._magnitudes: dict[Method, tuple[Any, Any]] = {}
+        """Of each method the magnitude, and what is integrated: stretch, magnitude, and where that is low."""
+        for method, shear in self.shears.items():
+            magnitude = ng.Norm(shear)
+            low = ng.IfPos(self._threshold - magnitude, stretch, 0.0)
+            self._magnitudes[method] = magnitude.Compile(), ng.CF((stretch, magnitude * stretch, low)).Compile()
         self._shear = self._projection.work_of(self.shear)
         self.field = ng.GridFunction(self._projection.space)
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
@@ -133,13 +142,12 @@ class Wall:
     def statistics(self, threshold: float = 0.0, method: Method = METHOD) -> ShearStatistics:
         """Return mean and extremes of the wall shear stress's magnitude, and the fraction of the area below `threshold`
         (Pa)."""
-        mesh, magnitude = self.system.domain.mesh, ng.Norm(self.shears[method])
-        area, mean, low = (
-            float(ng.Integrate(part * self.stretch * self._ds, mesh))
-            for part in (ng.CF(1.0), magnitude.Compile(), ng.IfPos(threshold - magnitude, 1.0, 0.0).Compile())
-        )
+        magnitude, together = self._magnitudes[method]
+        self._threshold.Set(threshold)
+        order = INTEGRATE + self.system.unknowns.order
+        area, sum_, low = ng.Integrate(together, self.system.domain.mesh, definedon=self._region, order=order)
         values = magnitude(self._points)
-        return ShearStatistics(mean / area, float(values.min()), float(values.max()), low / area)
+        return ShearStatistics(sum_ / area, float(values.min()), float(values.max()), low / area)
 
     def integral(self, integrand: Any) -> float:
         """Return the integral over the deformed wall of a field on it."""

@@ -267,3 +267,15 @@ def elements_at(domain: Domain, region: str, boundary: str) -> ngsolve.BitArray:
         if any(v.nr in touching for v in element.vertices):
             chosen[element.nr] = True
     return chosen
+
+
+def elements_behind(domain: Domain, region: str, boundary: str) -> ngsolve.BitArray:
+    """Return the elements of a region that have a face, in the plane an edge, on a boundary."""
+    sides = "faces" if domain.mesh.dim == 3 else "edges"
+    on = {side.nr for face in domain.boundaries(boundary).Elements() for side in getattr(face, sides)}
+    chosen = ngsolve.BitArray(domain.mesh.ne)
+    chosen[:] = False
+    for element in domain.materials(region).Elements():
+        if any(side.nr in on for side in getattr(element, sides)):
+            chosen[element.nr] = True
+    return chosen

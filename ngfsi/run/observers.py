@@ -65,10 +65,10 @@ class Series(Observer):
             self._probe.refresh()
             row = {column: evaluate() for column, evaluate in self._columns.items()}
             self._folder.append("series", {"time_s": time, "step_s": step.size if step else 0.0, **row})
-        if step:
-            self._folder.append("costs", step.cost())
-            for warning in self._probe.deformation.approaching():
-                self._folder.log(f"t = {time:.6g} s: {warning}")
+            if step:
+                self._folder.append("costs", step.cost())
+                for warning in self._probe.deformation.approaching():
+                    self._folder.log(f"t = {time:.6g} s: {warning}")
 
 
 class Carrying(Observer):

