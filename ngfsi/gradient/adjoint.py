@@ -405,6 +405,21 @@ class Adjoint:
             say(f"t = {run.moments[number].time:.6g} s: {self.iterations[-1]} iterations")
         return found
 
+    def of_state(self, number: int, quantities: Sequence[str]) -> Array:
+        """Return the multipliers (quantities, unknowns) of quantities of one moment at rest, with factors of its own.
+
+        Raises:
+            CaseError, SolverError: as of `derivatives`.
+        """
+        self.run.show(number)
+        self._renew()
+        found = []
+        for name in quantities:
+            self.run.show(number)
+            owed: Owed = defaultdict(lambda: np.zeros((3, self.run.system.unknowns.size)))
+            found.append(self._step(number, {name: 1.0}, owed)[0])
+        return np.array(found)
+
     def _step(self, number: int, slopes: Mapping[str, float], owed: Owed) -> tuple[Array, Array]:
         """Solve for the multipliers of a moment, and let earlier ones owe theirs; return the multipliers, and the
         derivative of quantity and equations by the unknowns, which is left of those that are prescribed."""
