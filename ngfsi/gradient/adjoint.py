@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -31,6 +32,7 @@ from ngfsi.errors import CaseError, SolverError
 from ngfsi.gradient.functionals import Measured, measured
 from ngfsi.gradient.lagrangian import Lagrangian, Residual, Uncondensed
 from ngfsi.gradient.parameters import Parameter
+from ngfsi.gradient.vectors import Vectors
 from ngfsi.linear.backends import BACKENDS, choose_backend
 from ngfsi.linear.factorisation import Factorisation
 from ngfsi.measure.deformation import Deformation
@@ -146,7 +148,7 @@ class Gradient:
         parameters: with their values.
         seconds: of the run, of the adjoint and of the parameters.
         mean_iterations: for each of the states, whose number is `moments`.
-        stored_mb: memory of the states.
+        stored_mb: of the states, in memory and on disk.
     """
 
     name: str
@@ -158,7 +160,7 @@ class Gradient:
     mean_iterations: float = 0.0
     factorisations: int = 0
     moments: int = 0
-    stored_mb: float = 0.0
+    stored_mb: tuple[float, float] = 0.0, 0.0
 
     def elasticities(self) -> dict[str, float]:
         """Return the change of the quantity in percent for one percent of each parameter, largest first."""
@@ -180,18 +182,28 @@ def check_supported(case: Case) -> None:
 
 
 class StoredStates:
-    """A run whose states are kept in memory."""
+    """A run whose states are kept.
 
-    def __init__(self, case: Case, domain: Domain, say: Say = silent, quantities: Sequence[str] = ()) -> None:
+    Attributes:
+        vectors: three for each moment, state and histories.
+    """
+
+    def __init__(
+        self, case: Case, domain: Domain, say: Say = silent, quantities: Sequence[str] = (),
+        folder: Path | None = None,
+    ) -> None:  # fmt: skip
         """Compute the run.
 
         Args:
             quantities: that are looked for first, and with whose derivatives the gradients begin.
+            folder: for states that are too many for the memory (`vectors.IN_MEMORY`); None: it holds all.
 
         Raises:
             CaseError: a gradient does not know something in the case.
+            OutputError: the folder cannot be written.
             SolverError: the run fails.
         """
+        self.vectors = Vectors(folder)
         check_supported(case)
         most = TOLERANCE if domain.lumens else OF_SOLIDS
         tight = case.replace(**{"solver.tolerance": min(case.solver.tolerance, most)})
@@ -210,8 +222,9 @@ class StoredStates:
         self.free, self.factors = newton.free, newton.factorisation
         self.relaxation = None if system.relaxation is None else np.array(system.relaxation.vec.FV().NumPy())
         system.prescribe()
-        zero = np.zeros(system.unknowns.size)
-        self.moments = [Moment(0.0, np.inf, 0.0, system.values.copy(), {}, (zero, zero), accepted=True)]
+        zero, kept = np.zeros(system.unknowns.size), self.vectors.kept
+        start = kept(np.array([system.values, zero, zero]))
+        self.moments = [Moment(0.0, np.inf, 0.0, start[0], {}, (start[1], start[2]), accepted=True)]
         loop = TimeLoop(tight, system, newton, Deformation(system).inversion, say)
         for _ in loop.run():
             last = len(self.moments) - 1
@@ -228,8 +241,9 @@ class StoredStates:
             acceleration += of_state * moment.rate
             if of_rate:
                 acceleration += of_rate * moment.acceleration
+        state, *histories = self.vectors.kept(np.array([solved.state, velocity, acceleration]))
         self.moments.append(
-            Moment(solved.time, solved.step, solved.new, solved.state, earlier, (velocity, acceleration), accepted)
+            Moment(solved.time, solved.step, solved.new, state, earlier, (histories[0], histories[1]), accepted)
         )
 
     @property
@@ -270,7 +284,8 @@ class Varied:
         self.parameter, self._run = parameter, run
         self._pair = [self._system(case) for case in parameter.varied(run.case)]
         path, self._measured = parameter.path, dict[str, list[Measured]]()
-        self._counts = path[0] != "materials" or path[1] == "fluid"
+        # of materials the viscosity of the blood is in what is measured
+        self._counts = path[0] != "materials" or (path[1] == "fluid" and path[-1] != "density")
         if self._counts and path[0] in ("materials", "geometry"):
             self._measured = {name: [measured(system, name) for system in self._pair] for name in run.measured}
 
@@ -612,12 +627,13 @@ class Adjoint:
 
 def gradient_of(
     case: Case, quantity: str, window: Window, parameters: Sequence[Parameter], say: Say = silent,
-    domain: Domain | None = None,
+    domain: Domain | None = None, folder: Path | None = None,
 ) -> Gradient:  # fmt: skip
     """Return the gradient of a quantity of a run by parameters of its case.
 
     Args:
         domain: of the case; default: it is made.
+        folder: as of `StoredStates`.
 
     Raises:
         CaseError: what is asked for is not there, or not known to gradients.
@@ -627,7 +643,7 @@ def gradient_of(
     domain = domain or Domain.build(case.geometry)
     with ng.TaskManager():
         started = perf_counter()
-        run = StoredStates(case, domain, say, [quantity])
+        run = StoredStates(case, domain, say, [quantity], folder)
         ran = perf_counter()
         value, weights = window.weights(run.times, run.values()[quantity])
         adjoint = Adjoint(run, parameters)
@@ -639,5 +655,5 @@ def gradient_of(
         dict(zip((one.name for one in parameters), derivatives.tolist(), strict=True)),
         {"run": ran - started, "adjoint": swept, "parameters": adjoint.seconds},
         float(np.mean(adjoint.iterations)), adjoint.factorisations, len(run.moments),
-        sum(3 * moment.state.nbytes for moment in run.moments) / 1e6,
+        (run.vectors.in_memory / 1e6, run.vectors.on_disk / 1e6),
     )  # fmt: skip
