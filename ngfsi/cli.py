@@ -350,11 +350,14 @@ def design(
     mean: Annotated[str, typer.Option(help="Mean pressure over the skin at most, with its unit.", metavar="12mmHg")],
     high: Annotated[str, typer.Option(help="Highest pressure of a cuff, with its unit.", metavar="24mmHg")],
     of: Annotated[
-        str, typer.Option("--of", metavar="QUANTITY", help="What is to be large: a quantity with a gradient.")
+        str, typer.Option("--of", metavar="QUANTITY", help="A quantity with a gradient, or sawss_least.")
     ] = "sawss",
     cuffs: Annotated[str, typer.Option(help="Rings along the segment by sectors around it.")] = "4x14",
     jump: Annotated[str, typer.Option(help="Largest difference of neighbours; default: any.", metavar="6mmHg")] = "",
     loss: Annotated[float, typer.Option(help="Fraction of the lumen's volume that may be lost.", min=0, max=1)] = 0.25,
+    section_loss: Annotated[
+        float, typer.Option(help="Fraction of the area of each of eleven sections that may be lost.", min=0, max=1)
+    ] = 1.0,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder of the pressures; default runs/design-<name>.", show_default=False),
@@ -375,7 +378,7 @@ def design(
     chosen = _chosen(case, changes)
     limits = Limits(
         mean=command.pressure(mean, "--mean"), high=command.pressure(high, "--high"), loss=loss,
-        jump=command.pressure(jump, "--jump") if jump else float("inf"),
+        section_loss=section_loss, jump=command.pressure(jump, "--jump") if jump else float("inf"),
     )  # fmt: skip
     folder = output or Path("runs") / f"design-{chosen.name}"
     with _interruptible(folder):

@@ -34,7 +34,7 @@ def gradient(case: Case, of: str, by: str, window: str, folder: Path, say: Say) 
 
     quantity, kind = wanted(of, KINDS)
     parameters = parameters_of(case, [one.strip() for one in by.split(",")])
-    found = gradient_of(case, quantity, Window(kind, *_times(window, kind)), parameters, say)
+    found = gradient_of(case, quantity, Window(kind, *_times(window, kind)), parameters, say, folder=folder)
     with explained(folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
     write_rows(folder / GRADIENT, rows(found))
@@ -79,6 +79,8 @@ def table(found: Gradient) -> Any:
         per = f"{unit or '1'} / {own or '1'}"
         shown.add_row(str(row["parameter"]), f"{row['value']:.6g} {own}", f"{row['derivative']:.6g} {per}",
                       f"{row['elasticity']:.4g}")  # fmt: skip
+    memory, disk = found.stored_mb
+    kept = f"{memory:.3g} MB of states in memory{f', {disk:.3g} MB on disk' if disk else ''}"
     took = ", ".join(f"{name} {seconds:.3g} s" for name, seconds in found.seconds.items())
     return Group(shown, f"{took}; {found.mean_iterations:.1f} iterations for each of {found.moments} states, "
-                 f"{found.factorisations} factorisations, {found.stored_mb:.3g} MB of states")  # fmt: skip
+                 f"{found.factorisations} factorisations, {kept}")  # fmt: skip

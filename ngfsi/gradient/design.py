@@ -18,11 +18,11 @@ from scipy.optimize import linprog
 
 from ngfsi.arrays import Array
 from ngfsi.case import Case, Cuff
-from ngfsi.conditions.loads import SKIN
+from ngfsi.conditions.loads import SKIN, PressureOn
 from ngfsi.config.functions import PressureConstant
 from ngfsi.errors import CaseError, MaterialError, SolverError
-from ngfsi.gradient.adjoint import Adjoint, StoredStates
-from ngfsi.gradient.parameters import parameters_of
+from ngfsi.gradient.adjoint import Acting, Adjoint, StoredStates
+from ngfsi.measure.sections import STATIONS
 from ngfsi.mesh.domain import Domain
 from ngfsi.solve.initial import Say, silent
 
@@ -36,7 +36,11 @@ ENOUGH = 2e-3
 SMALLEST = 0.01
 """Smallest region, over the first."""
 EXCESS = 0.01
-"""By which the loss may be larger than its limit, for steps are linear."""
+"""By which a loss may be larger than its limit, for steps are linear."""
+LEAST = "_least"
+"""What ends the name of the least of a quantity at the stations."""
+FAR, HALF = 2.0, 0.5
+"""Times the least above which a station is not looked at in a step, and part of its limit below which a loss is not."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,7 @@ class Limits:
         low, high: of each (Pa).
         jump: of neighbours (Pa); infinite: any.
         loss: largest fraction of the lumen's volume that is lost against the shape without loads.
+        section_loss: the same of the area of each station.
     """
 
     mean: float
@@ -55,6 +60,7 @@ class Limits:
     low: float = 0.0
     jump: float = np.inf
     loss: float = 1.0
+    section_loss: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -123,6 +129,7 @@ class Designed:
     Attributes:
         pressures: (rings * sectors,) Pa.
         value, loss: of the quantity (SI) and of the volume.
+        section_loss: of the station that loses most; nan: no limit asked for it.
         history: value of each accepted step, the first with the mean everywhere.
         runs, sweeps: that it took.
     """
@@ -132,19 +139,46 @@ class Designed:
     pressures: Array
     value: float
     loss: float
+    section_loss: float = np.nan
     history: list[float] = field(default_factory=list)
     runs: int = 0
     sweeps: int = 0
 
 
-class Pressed:
-    """A vein at rest under pressures."""
+@dataclass(frozen=True)
+class Equilibrium:
+    """A vein at rest under pressures.
 
-    def __init__(self, case: Case, quantity: str, layout: Layout, domain: Domain) -> None:
-        self.quantity, self.layout, self.domain = quantity, layout, domain
+    Attributes:
+        aims: of which the least is to be large (SI).
+        losses: fractions lost, of the volume and then of the stations.
+    """
+
+    run: StoredStates
+    aims: Array
+    losses: Array
+
+    @property
+    def value(self) -> float:
+        """The least of the aims."""
+        return float(self.aims.min())
+
+
+class Pressed:
+    """A vein at rest under any pressures of a layout."""
+
+    def __init__(self, case: Case, quantity: str, layout: Layout, domain: Domain, limits: Limits) -> None:
+        """Prepare; `quantity`: one with a gradient, or the least of those at the stations, NAME_least."""
+        self.layout, self.domain = layout, domain
         (vessel, *_) = domain.vessels
-        self._volume = "_".join(filter(None, (vessel.name, "lumen_volume")))
-        self._without_loads = float(ng.Integrate(ng.CF(1) * domain.dx(str(vessel.lumen)), domain.mesh))
+        prefix, stations = f"{vessel.name}_" if vessel.name else "", range(STATIONS)
+        least = quantity.endswith(LEAST)
+        self.aims = [f"{quantity.removesuffix(LEAST)}_z{n:02d}" for n in stations] if least else [quantity]
+        sections = [f"{prefix}area_z{n:02d}" for n in stations] if limits.section_loss < 1 else []
+        self.sizes = [f"{prefix}lumen_volume", *sections]
+        self.most = np.array([limits.loss, *(limits.section_loss for _ in sections)])
+        self._without_loads: Array | None = None
+        self._acting: Acting | None = None
         self._case = case.replace(**{
             "loads.skin_pressure": PressureConstant(value=0.0), "time.scheme": "static", "time.step": 1.0,
             "time.end": 1.0,
@@ -155,28 +189,55 @@ class Pressed:
         """Return the case under pressures (Pa)."""
         return self._case.replace(**{"loads.cuffs": self.layout.cuffs(pressures)})
 
-    def solve(self, pressures: Array) -> tuple[StoredStates, float, float]:
-        """Return the run, its quantity (SI) and the loss of volume.
+    def solve(self, pressures: Array) -> Equilibrium:
+        """Return the equilibrium.
 
         Raises:
-            CaseError, MaterialError, SolverError: there is no such equilibrium.
+            CaseError, MaterialError, SolverError: there is none.
         """
         self.runs += 1
         with ng.TaskManager():
-            run = StoredStates(self.case(pressures), self.domain, silent, [self.quantity, self._volume])
-            values = run.values()
-        return run, float(values[self.quantity][-1]), float(1 - values[self._volume][-1] / self._without_loads)
+            run = StoredStates(self.case(pressures), self.domain, silent, [*self.aims, *self.sizes])
+            if self._without_loads is None:
+                run.system.values[:] = 0.0
+                self._without_loads = np.array([run.measured[name].value() for name in self.sizes])
+            run.show(len(run.moments) - 1)
+            aims, sizes = ([run.measured[name].value() for name in names] for names in (self.aims, self.sizes))
+        return Equilibrium(run, np.array(aims), 1 - np.array(sizes) / self._without_loads)
 
-    def slopes(self, run: StoredStates) -> Array:
-        """Return the derivatives (2, cuffs) of quantity and loss by the pressures, at a run."""
-        names = [f"loads.cuffs.{number}.pressure.value" for number in range(len(run.case.loads.cuffs))]
+    def slopes(self, at: Equilibrium) -> tuple[Array, Array]:
+        """Return the derivatives (aims, cuffs) and (losses, cuffs) by the pressures, nan where they do not count: of
+        aims far above the least, and losses far below their limits."""
+        assert self._without_loads is not None
+        aims, losses = at.aims < FAR * at.value, at.losses > HALF * self.most
+        losses[0] = True
+        names = [name for name, counts in zip((*self.aims, *self.sizes), (*aims, *losses), strict=True) if counts]
         with ng.TaskManager():
-            adjoint = Adjoint(run, parameters_of(run.case, names))
-            last = np.eye(len(run.times))[-1]
-            of_value = adjoint.derivatives({self.quantity: last})
-            of_loss = adjoint.derivatives({self._volume: -last / self._without_loads})
-        self.sweeps += 2
-        return np.array([of_value, of_loss])
+            multipliers = Adjoint(at.run, []).of_state(len(at.run.moments) - 1, names)
+            by_pressure = -multipliers @ self._forces(at.run).T
+        self.sweeps += len(names)
+        found = np.full((len(aims) + len(losses), by_pressure.shape[1]), np.nan)
+        found[np.concatenate([aims, losses])] = by_pressure
+        return found[: len(aims)], -found[len(aims) :] / self._without_loads[:, None]
+
+    def _forces(self, run: StoredStates) -> Array:
+        """Return the residual (cuffs, unknowns) of a pascal of each, in which residuals are linear."""
+        self._acting = self._acting or Acting(run.case, self.domain)
+        system = self._acting
+        run.show(len(run.moments) - 1, system)
+        cuffs = [one for one in system.conditions.values() if isinstance(one, PressureOn) and one.on_skin][1:]
+
+        def residual() -> Array:
+            return np.array(system.unknowns.arranged(system.apply()))
+
+        for one in cuffs:
+            one.value.Set(0.0)
+        without, found = residual(), []
+        for one in cuffs:
+            one.value.Set(1.0)
+            found.append(residual() - without)
+            one.value.Set(0.0)
+        return np.array(found)
 
 
 def improve(
@@ -185,6 +246,7 @@ def improve(
     """Return the pressures of cuffs that make a quantity of the vein at rest largest.
 
     Args:
+        quantity: one with a gradient, or NAME_least: the least of NAME_z00 to NAME_z10.
         layout: of the cuffs, which take the place of all pressures on the skin.
         most: steps.
 
@@ -194,55 +256,66 @@ def improve(
     """
     if not limits.low <= limits.mean <= limits.high:
         raise CaseError(f"a mean pressure of {limits.mean:g} Pa is not between {limits.low:g} and {limits.high:g} Pa")
-    pressed, weights = Pressed(case, quantity, layout, domain), layout.weights(domain)
+    pressed, weights = Pressed(case, quantity, layout, domain, limits), layout.weights(domain)
     here = np.full(layout.rings * layout.sectors, limits.mean)
-    run, value, loss = pressed.solve(here)
-    if loss > limits.loss:
-        raise CaseError(
-            f"under {limits.mean:g} Pa everywhere {loss:.3g} of the volume is lost, the limit is {limits.loss:g}"
-        )
-    history, region = [value], min(limits.mean - limits.low, limits.high - limits.mean) or limits.high - limits.low
+    at = pressed.solve(here)
+    if np.any(over := at.losses > pressed.most):
+        number = int(np.argmax(over))
+        raise CaseError(f"under {limits.mean:g} Pa everywhere {at.losses[number]:.3g} of {pressed.sizes[number]} is "
+                        f"lost, the limit is {pressed.most[number]:g}")  # fmt: skip
+    history, region = [at.value], min(limits.mean - limits.low, limits.high - limits.mean) or limits.high - limits.low
     smallest = SMALLEST * region
-    say(f"{limits.mean:g} Pa everywhere: {quantity} {value:.5g}, loss {loss:.3f}")
+    say(f"{limits.mean:g} Pa everywhere: {quantity} {at.value:.5g}, loss {at.losses[0]:.3f}")
     while len(history) <= most and region > smallest:
-        slopes, taken = pressed.slopes(run), False
+        slopes, taken = pressed.slopes(at), False
         while region > smallest and not taken:
-            step = _step(here, slopes, loss, weights, layout.neighbours(), limits, region)
-            promised = float(slopes[0] @ step)
-            if promised < ENOUGH * abs(value):
+            step = _step(here, at.aims, at.losses, slopes, pressed.most, weights, layout.neighbours(), limits, region)
+            promised = float(np.nanmin(at.aims + slopes[0] @ step)) - at.value
+            if promised < ENOUGH * abs(at.value):
                 region = 0.0
                 break
             try:
-                new_run, new, new_loss = pressed.solve(here + step)
+                new = pressed.solve(here + step)
             except (CaseError, MaterialError, SolverError):
                 region *= SHORTER
                 continue
-            taken = new - value > KEPT * promised and new_loss <= limits.loss + EXCESS
-            region *= SHORTER if not taken else LONGER if new - value > GOOD * promised else 1.0
+            gain = new.value - at.value
+            taken = gain > KEPT * promised and bool(np.all(new.losses <= pressed.most + EXCESS))
+            region *= SHORTER if not taken else LONGER if gain > GOOD * promised else 1.0
             if taken:
-                run, here, value, loss = new_run, here + step, new, new_loss
-                history.append(value)
-                say(f"step {len(history) - 1}: {quantity} {value:.5g}, loss {loss:.3f}, {pressed.runs} runs")
-    return Designed(pressed.case(here), layout, here, value, loss, history, pressed.runs, pressed.sweeps)
+                at, here = new, here + step
+                history.append(at.value)
+                say(f"step {len(history) - 1}: {quantity} {at.value:.5g}, loss {at.losses[0]:.3f}, {pressed.runs} runs")
+    return Designed(pressed.case(here), layout, here, at.value, float(at.losses[0]),
+                    float(np.max(at.losses[1:], initial=-np.inf)) if len(at.losses) > 1 else np.nan,
+                    history, pressed.runs, pressed.sweeps)  # fmt: skip
 
 
 def _step(
-    here: Array, slopes: Array, loss: float, weights: Array, neighbours: Sequence[tuple[int, int]], limits: Limits,
-    region: float,
+    here: Array, aims: Array, losses: Array, slopes: tuple[Array, Array], most: Array, weights: Array,
+    neighbours: Sequence[tuple[int, int]], limits: Limits, region: float,
 ) -> Array:  # fmt: skip
-    """Return the step of the linear programme."""
-    rows, most = [weights, slopes[1]], [limits.mean * weights.sum() - weights @ here, max(limits.loss - loss, 0.0)]
+    """Return the step of the linear programme: the least of the aims is one more unknown, below each of them."""
+    (by_aims, by_losses), size = slopes, np.nanmax(np.abs(slopes[0]))
+    rows, bounds = [weights], [limits.mean * weights.sum() - weights @ here]
+    for loss, row, limit in zip(losses, by_losses, most, strict=True):
+        if not np.isnan(row).any():
+            rows.append(row)
+            bounds.append(max(limit - loss, 0.0))
     if np.isfinite(limits.jump):
         for one, other in neighbours:
             for sign in (1.0, -1.0):
                 row = np.zeros(len(here))
                 row[one], row[other] = sign, -sign
                 rows.append(row)
-                most.append(limits.jump - sign * (here[one] - here[other]))
-    low, high = np.maximum(limits.low - here, -region), np.minimum(limits.high - here, region)
+                bounds.append(limits.jump - sign * (here[one] - here[other]))
     sizes = np.array([1 / max(np.abs(row).max(), 1e-300) for row in rows])
-    found = linprog(
-        -slopes[0] / np.abs(slopes[0]).max(), sizes[:, None] * np.array(rows), sizes * np.array(most),
-        bounds=np.column_stack((low, high)),
-    )  # fmt: skip
-    return np.zeros_like(here) if found.x is None else np.asarray(found.x)
+    known = ~np.isnan(by_aims).any(axis=1)
+    matrix = np.vstack([
+        np.column_stack([sizes[:, None] * np.array(rows), np.zeros(len(rows))]),
+        np.column_stack([-by_aims[known] / size, np.ones(known.sum())]),
+    ])  # fmt: skip
+    right = np.concatenate([sizes * np.array(bounds), (aims[known] - aims.min()) / size])
+    low, high = np.maximum(limits.low - here, -region), np.minimum(limits.high - here, region)
+    found = linprog([*np.zeros(len(here)), -1.0], matrix, right, bounds=[*zip(low, high, strict=True), (None, None)])
+    return np.zeros_like(here) if found.x is None else np.asarray(found.x[:-1])

@@ -80,6 +80,8 @@ def design(case: Case, of: str, cuffs: str, limits: Limits, folder: Path, say: S
 def sentence(found: Designed, of: str) -> str:
     """Say what was found."""
     gain = in_unit(found.value / found.history[0] - 1, "percent", ".3g")
-    lost = in_unit(found.loss, "percent", ".3g")
-    return (f"{of} = {found.value:.5g} (SI), {gain} more than under the mean everywhere; {lost} of the volume is lost; "
+    lost = f"{in_unit(found.loss, 'percent', '.3g')} of the volume"
+    if not np.isnan(found.section_loss):
+        lost += f" and {in_unit(found.section_loss, 'percent', '.3g')} of a section at most"
+    return (f"{of} = {found.value:.5g} (SI), {gain} more than under the mean everywhere; {lost} is lost; "
             f"{found.runs} runs, {found.sweeps} sweeps of the adjoint")  # fmt: skip

@@ -34,6 +34,8 @@ from ngfsi.units import in_unit, to_si
 
 AT_HEIGHT = re.compile(r"area_at_(\d+(?:\.\d+)?)mm")
 """Area of the lumen at a distance along the centreline."""
+POINTS = 6
+"""Orders of integration more for each distance of stations that an element is long."""
 SMALL = 1e-30
 """Step of a derivative by a complex argument."""
 
@@ -56,10 +58,11 @@ class Place:
         """Return an integral over the blood."""
         return Integral([integrand], self.system.domain.dx(str(self.vessel.lumen), intrules=rules(self.order)))
 
-    def around(self, boundary: str, integrand: Any) -> Integral:
-        """Return an integral over a boundary of the blood, the normal `ng.specialcf.normal(3)` pointing out of it."""
-        bonus = self.system.unknowns.order
-        return through(self.system.domain, str(self.vessel.lumen), boundary, integrand, None, bonus)
+    def around(self, boundary: str, integrand: Any, elements: ng.BitArray | None = None, more: int = 0) -> Integral:
+        """Return an integral over a boundary of the blood, of some elements or all, the normal
+        `ng.specialcf.normal(3)` pointing out of it; `more`: order of integration beyond the usual."""
+        bonus = self.system.unknowns.order + more
+        return through(self.system.domain, str(self.vessel.lumen), boundary, integrand, elements, bonus)
 
 
 @dataclass(frozen=True)
@@ -82,15 +85,41 @@ def _volume(place: Place) -> dict[str, Integral]:
     return {"volume": place.inside(Kinematics(place.fields.grad_motion).J)}
 
 
-def _shear(place: Place) -> dict[str, Integral]:
-    """Return the size of the wall shear stress, from the trace of the velocity's gradient, and the deformed area."""
+def _shear(place: Place, weight: Any = 1.0, *on: Any) -> dict[str, Integral]:
+    """Return the size of the wall shear stress, from the trace of the velocity's gradient, and the deformed area, both
+    times a weight; `on`: as of `Place.around`."""
     f, wall = place.fields, place.vessel.interface
     assert f is not None
     k = Kinematics(f.grad_motion)
     area = k.cof * ng.specialcf.normal(3)
     size = ng.Norm(area)
     shear = terms.tangential(terms.viscous_stress(place.system.blood, k, f.grad_velocity) * (area / size), area / size)
-    return {"shear": place.around(wall, ng.Norm(shear) * size), "size": place.around(wall, size)}
+    parts = {"shear": weight * ng.Norm(shear) * size, "size": weight * size}
+    return {name: place.around(wall, part, *on) for name, part in parts.items()}
+
+
+def _shear_at(station: int) -> Callable[[Place], dict[str, Integral]]:
+    """Return the wall shear stress around a station: its weight falls off evenly to the stations beside it."""
+
+    def integrals(place: Place) -> dict[str, Integral]:
+        domain, vessel = place.system.domain, place.vessel
+        line, wall = find_centrelines(domain, vessel)[0], domain.vertices_on(vessel.interface)
+        along = ng.GridFunction(ng.H1(domain.mesh, order=1))
+        heights = along.vec.FV().NumPy()
+        heights[wall] = line.coordinate(domain.vertices[wall])
+        middle, apart = station * line.length / (STATIONS - 1), line.length / (STATIONS - 1)
+        weight, longest = 1 - ng.Norm(along - middle) / apart, 0.0
+        on_wall, near = set(wall.tolist()), ng.BitArray(domain.mesh.ne)
+        near.Clear()
+        for element in domain.materials(str(vessel.lumen)).Elements():
+            ends = heights[[vertex.nr for vertex in element.vertices if vertex.nr in on_wall]]
+            if len(ends) and ends.min() < middle + apart and ends.max() > middle - apart:
+                near.Set(element.nr)
+                longest = max(longest, float(np.ptp(ends)))
+        # elements may be longer than the part of the wall that counts
+        return _shear(place, ng.IfPos(weight, weight, 0.0), near, POINTS * round(longest / apart))
+
+    return integrals
 
 
 def _at_opening(opening: str) -> Callable[[Place], dict[str, Integral]]:
@@ -128,9 +157,13 @@ def _of_volume(_system: System, _vessel: Vessel | None, of: Mapping[str, Any]) -
     return of["volume"]
 
 
+def _mean_shear(_system: System, _vessel: Vessel | None, of: Mapping[str, Any]) -> Any:
+    return of["shear"] / of["size"]
+
+
 FUNCTIONALS: dict[str, Functional] = {
     "lumen_volume": Functional("m3", _volume, _of_volume),
-    "sawss": Functional("Pa", _shear, lambda _s, _v, of: of["shear"] / of["size"]),
+    "sawss": Functional("Pa", _shear, _mean_shear),
 }
 
 
@@ -220,16 +253,21 @@ def measured(system: System, name: str) -> Measured:
     if name in known:
         return OfIntegrals(system, *known[name])
     areas: dict[str, tuple[Vessel, int | float]] = {}
+    shears: dict[str, tuple[Vessel, int]] = {}
     if system.domain.mesh.dim == 3:
         for vessel in system.domain.vessels:
             if vessel.lumen and not vessel.branched:
                 prefix = f"{vessel.name}_" if vessel.name else ""
                 areas |= {f"{prefix}area_z{n:02d}": (vessel, n) for n in range(STATIONS)}
+                shears |= {f"{prefix}sawss_z{n:02d}": (vessel, n) for n in range(STATIONS)}
                 if height := AT_HEIGHT.fullmatch(name.removeprefix(prefix)):
                     areas[name] = vessel, to_si(float(height[1]), "mm")
     if name in areas:
         return Area(system, *areas[name])
-    raise CaseError(unknown("quantity with a gradient", name, [*known, *areas]))
+    if name in shears:
+        vessel, station = shears[name]
+        return OfIntegrals(system, Functional("Pa", _shear_at(station), _mean_shear), vessel)
+    raise CaseError(unknown("quantity with a gradient", name, [*known, *areas, *shears]))
 
 
 class OfIntegrals(Measured):

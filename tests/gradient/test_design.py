@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from ngfsi.errors import CaseError, SolverError
 from ngfsi.gradient import design
 from ngfsi.gradient.design import Layout, Limits, Pressed, improve
 from ngfsi.gradient.design_command import grid, pressure
+from ngfsi.gradient.functionals import measured
 from ngfsi.store.table import read_rows
 from ngfsi.units import MMHG
 from tests.gradient.test_gradient import VEIN
@@ -39,7 +41,8 @@ def step(slopes: Array, weights: Array, **limits: float) -> Array:
     count = len(weights)
     pairs = [(n, n + 1) for n in range(count - 1)]
     given = Limits(**{"mean": 1.0, "high": 3.0, **limits})
-    return design._step(np.ones(count), np.array([slopes, np.zeros(count)]), 0.0, weights, pairs, given, 100.0)
+    by = np.array([slopes]), np.zeros((1, count))
+    return design._step(np.ones(count), np.zeros(1), np.zeros(1), by, np.ones(1), weights, pairs, given, 100.0)
 
 
 def test_the_linear_programme_fills_the_best_first() -> None:
@@ -54,6 +57,40 @@ def test_the_linear_programme_fills_the_best_first() -> None:
     smooth = 1 + step(slopes, weights, jump=0.5)
     assert np.abs(np.diff(smooth)).max() == pytest.approx(0.5)
     assert smooth @ weights == pytest.approx(1.0)
+
+
+def test_the_least_of_several_is_raised() -> None:
+    """Of two aims with a slope each the lower one gets all until they meet, and a loss ends it before."""
+    slopes, weights, given = np.eye(2), np.array([0.5, 0.5]), Limits(mean=1.0, high=9.0)
+
+    def pressures(most: float) -> Array:
+        by = slopes, np.array([[0.0, 1.0]])
+        return 1 + design._step(
+            np.ones(2), np.array([5.0, 4.0]), np.zeros(1), by, np.array([most]), weights, [], given, 100.0
+        )
+
+    assert pressures(9.0) == pytest.approx([0.5, 1.5])
+    assert pressures(0.25)[1] == pytest.approx(1.25)
+
+
+def test_slopes_are_those_of_differences() -> None:
+    """Of the least station's shear and of its area lost, by each cuff; the stations' shears add up to the wall's."""
+    domain = domain_of(BONED)
+    pressed = Pressed(VEIN, "sawss_least", LAYOUT, domain, Limits(mean=400.0, high=800.0, section_loss=0.5))
+    start = np.array([100.0, 300.0, 500.0, 200.0])
+    at = pressed.solve(start)
+    at = replace(at, losses=np.ones_like(at.losses))  # all count
+    aims, losses = pressed.slopes(at)
+    assert not np.isnan(aims).any()
+    for place in (1, 2):
+        ends = [pressed.solve(start + sign * (np.arange(4) == place)) for sign in (1, -1)]
+        for by, name in ((aims, "aims"), (losses, "losses")):
+            expected = (getattr(ends[0], name) - getattr(ends[1], name)) / 2
+            assert by[:, place] == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.abs(expected).max()), name
+    one, whole = at.run.measured, measured(at.run.system, "sawss")._integrals()  # type: ignore[attr-defined]
+    parts = [one[name]._integrals() for name in pressed.aims]  # type: ignore[attr-defined]
+    for key in ("shear", "size"):
+        assert sum(part[key] for part in parts) == pytest.approx(whole[key], rel=1e-6)
 
 
 def test_a_vein_is_pressed_where_it_counts(monkeypatch: pytest.MonkeyPatch) -> None:

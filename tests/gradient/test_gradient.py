@@ -17,7 +17,7 @@ from ngfsi.conditions import Condition, ConditionModel, ContactModel
 from ngfsi.conditions.openings import ResistanceOpening, WindkesselOpening
 from ngfsi.config.functions import FlowConstant, FlowWaveform, PressureConstant, PressureRamp, PressureTable
 from ngfsi.errors import CaseError
-from ngfsi.gradient import command
+from ngfsi.gradient import command, vectors
 from ngfsi.gradient.adjoint import Gradient, StoredStates, Window, gradient_of, same_mesh, wanted
 from ngfsi.gradient.functionals import functionals_of, measured
 from ngfsi.gradient.parameters import Parameter, changed, parameters_of
@@ -160,6 +160,20 @@ def test_ring_under_pressure() -> None:
         step = 1e-5 * point * (np.arange(3) == number)
         exact = (area(*point + step) - area(*point - step)) / (2 * step[number])
         assert found.derivatives[name] == pytest.approx(exact, rel=1e-4, abs=0.0), name
+
+
+def test_states_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The gradient is the same to the last bit, whether states are in memory or not, and no file is left."""
+    case, quantity, window, by = CASES["waves, esdirk3"]
+    parameters = parameters_of(case, by.split(","))
+    found = [gradient_of(case, quantity, window, parameters, folder=tmp_path / "out")]
+    monkeypatch.setattr(vectors, "IN_MEMORY", 10 * found[0].stored_mb[0] * 1e6 / found[0].moments)
+    found.append(gradient_of(case, quantity, window, parameters, folder=tmp_path / "out"))
+    assert found[0].derivatives == found[1].derivatives
+    assert found[0].stored_mb[1] == 0.0
+    assert sum(found[1].stored_mb) == found[0].stored_mb[0]
+    assert found[1].stored_mb[0] == pytest.approx(10 / found[0].moments * found[0].stored_mb[0])
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_shape_of_a_tube() -> None:
