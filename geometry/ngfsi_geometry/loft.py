@@ -126,7 +126,7 @@ class StarLoft:
         return cls(heights, line, np.array(rows), pieces)
 
     def thickened(self, heights: Array, thickness: float, pieces: int) -> Self:
-        """Return the surface at a distance [m] around this one, in the sections at heights (n,) [m]."""
+        """Return the surface at a distance [m] around this one (< 0: within), in the sections at heights (n,) [m]."""
         squares = np.array([around(row, thickness) for row in self.squares(heights, DENSE * SAMPLES)])
         rows = np.fft.rfft(squares, axis=1)[:, : self.modes + 1] / SAMPLES
         return type(self)(heights, self.centres(heights), rows, pieces)
@@ -194,6 +194,8 @@ def series(rows: Complex, count: int) -> Array:
 def around(squares: Array, thickness: float) -> Array:
     """Return the squared distances [m2] of the curve at a distance [m] around another, each over even angles from 0 on.
 
+    A negative thickness is the distance of a curve within it, of which no point is nearer to the other.
+
     What lies within the thickness of a body that is seen whole from a point is so, too: in each direction it reaches as
     far as the farthest of the discs around the points of the other curve, of which (n,) there are DENSE times as many.
     """
@@ -201,7 +203,9 @@ def around(squares: Array, thickness: float) -> Array:
     off = angles[None] - angles[::DENSE, None]
     radii = np.sqrt(squares)[None]
     inside = thickness**2 - (radii * np.sin(off)) ** 2
-    reach = radii * np.cos(off) + np.sqrt(np.maximum(inside, 0.0))
+    reach = radii * np.cos(off) + np.copysign(np.sqrt(np.maximum(inside, 0.0)), thickness)
+    if thickness < 0:
+        return np.asarray(np.min(np.where((inside >= 0) & (np.cos(off) > 0), reach, np.inf), axis=1) ** 2)
     return np.asarray(np.max(np.where(inside >= 0, reach, 0.0), axis=1) ** 2)
 
 

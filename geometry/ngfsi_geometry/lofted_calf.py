@@ -26,12 +26,12 @@ from ngfsi.mesh.curving import BoundaryMotion, reference_shape
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.outlines.outline import Outline, closed, dense, distances
 from ngfsi.units import Length, in_unit
-from ngfsi_geometry.calf import CalfSegment, CalfVein
+from ngfsi_geometry.calf import CalfSegment, CalfVein, Compartments
 from ngfsi_geometry.calf_section import touching
 from ngfsi_geometry.extrusion import extrude
 from ngfsi_geometry.loft import StarLoft
 from ngfsi_geometry.plane import SectionMesh, Star
-from ngfsi_geometry.segment import TISSUE_ENDS, MeshSettings
+from ngfsi_geometry.segment import TISSUE_ENDS, FatLayer, MeshSettings
 
 Array = NDArray[np.float64]
 
@@ -126,14 +126,25 @@ class CalfLoft(ConfigModel):
     def stack(self) -> Stack:
         """The outlines."""
 
+    @property
+    def _fat(self) -> FatLayer | None:
+        """The layer under the skin."""
+        return None
+
+    @property
+    def _compartments(self) -> Compartments | None:
+        """The septa that part the tissue."""
+        return None
+
     @model_validator(mode="after")
     def _check_stack(self) -> Self:
         self.stack.check()
         for k, section in enumerate(self.sections(), start=self.stack.first):
             skin = section.pop("skin")
+            skin = section.pop("fascia", skin)
             veins = {f"the wall of vein {n}": section.pop(_named("wall_outer", n)) for n in self._numbers}
             if reason := touching({"tibia": section["tibia"], "fibula": section["fibula"], **veins}, skin):
-                raise GeometryError(f"slice {k}: {reason}")
+                raise GeometryError(f"slice {k}: {reason.replace('skin', 'fascia') if self._fat else reason}")
         _ = self.straight
         return self
 
@@ -150,6 +161,8 @@ class CalfLoft(ConfigModel):
         stack = self.stack
         z = np.array(stack.heights) - stack.heights[0]
         found = {name: self._loft(z, stack.outlines[name]) for name in ("skin", "tibia", "fibula")}
+        if self._fat:
+            found["fascia"] = self._within(found["skin"], z, self._fat.thickness)
         for number, name in enumerate(stack.lumens, start=1):
             lumen = self._loft(z, stack.outlines[name])
             found[_named("interface", number)] = lumen
@@ -213,6 +226,14 @@ class CalfLoft(ConfigModel):
             for part, row in worst.items()
         )
 
+    def _within(self, skin: StarLoft, z: Array, thickness: float) -> StarLoft:
+        """Return the surface at a distance [m] within the skin."""
+        inner = np.sqrt(skin.squares(z).min(axis=1)) - thickness
+        if inner.min() < GAP:
+            number = self.stack.first + int(np.argmin(inner))
+            raise GeometryError(f"slice {number}: fat of {1e3 * thickness:g} mm leaves nothing inside: make it thinner")
+        return skin.thickened(z, -thickness, self._pieces)
+
     @property
     def _pieces(self) -> int:
         return max(1, round(self.length / self.smoothing))
@@ -233,14 +254,14 @@ class CalfLoft(ConfigModel):
         for name, loft in self._lofts.items():
             middle, row = loft.mean()
             found[name] = Star(name, middle.real, middle.imag, tuple(map(complex, row)))
-        skin = found.pop("skin")
+        outer = [found.pop(name) for name in ("skin", "fascia") if name in found]
         for fraction in FRACTIONS:
             smaller = {name: curve.scaled(name, fraction) for name, curve in found.items()}
             outside = [curve for name, curve in smaller.items() if not name.startswith("interface")]
-            gaps = [a.gap(b) for a, b in combinations(outside, 2)] + [a.margin(skin) for a in outside]
+            gaps = [a.gap(b) for a, b in combinations(outside, 2)] + [a.margin(outer[-1]) for a in outside]
             if min(gaps) >= GAP:
                 break
-        return {"skin": skin, **smaller}
+        return {**{curve.name: curve for curve in outer}, **smaller}
 
     @cached_property
     def straight(self) -> CalfSegment:
@@ -259,6 +280,8 @@ class CalfLoft(ConfigModel):
             skin_radius_distal=skin.radius, skin_radius_proximal=skin.radius,
             tibia_x=tibia.x, tibia_y=tibia.y, tibia_diameter=2 * tibia.radius,
             fibula_x=fibula.x, fibula_y=fibula.y, fibula_diameter=2 * fibula.radius, further_veins=further,
+            fat=FatLayer(thickness=skin.radius - curves["fascia"].radius) if self._fat else None,
+            compartments=self._compartments,
         )  # fmt: skip
 
     @property
@@ -334,12 +357,15 @@ class CalfLoft(ConfigModel):
     def exact_volumes(self) -> dict[str, float]:
         """Return the volume [m3] of each region between the lofts, but for those of labels and what is left."""
         inside = {name: loft.volume() for name, loft in self._lofts.items()}
-        found = {"tissue": inside["skin"] - inside["tibia"] - inside["fibula"]}
+        inmost = inside.get("fascia", inside["skin"])
+        found = {"tissue": inmost - inside["tibia"] - inside["fibula"]}
+        if self._fat:
+            found["fat"] = inside["skin"] - inmost
         for k in self._numbers:
             lumen, outer = inside[_named("interface", k)], inside[_named("wall_outer", k)]
             found["tissue"] -= outer
             found |= {_named("wall", k): outer - lumen, _named("fluid", k): lumen}
-        if self.further_regions:
+        if self.further_regions or self._compartments:
             found.pop("tissue")
         return found
 
@@ -428,9 +454,20 @@ class LoftedCalf(CalfLoft):
     tibia: tuple[Outline, ...] = Field(description="outline of the tibia in each slice")
     fibula: tuple[Outline, ...] = Field(description="outline of the fibula in each slice")
     lumen: tuple[Outline, ...] = Field(description="outline of the vein's lumen in each slice")
+    fat: FatLayer | None = Field(None, description="layer of fat under the skin, a region of its own")
+    compartments: Compartments | None = None
+    """Regions in the place of the tissue, parted by septa that go from the bones as in the geometry calf."""
     further_lumens: tuple[tuple[Outline, ...], ...] = Field((), description="outlines of further veins")
     heights: tuple[Length, ...] = Field(description="positions z of the outlines, from distal to proximal")
     first_slice: int = Field(0, ge=0, description="number of the first outline in the image, for sentences")
+
+    @property
+    def _fat(self) -> FatLayer | None:
+        return self.fat
+
+    @property
+    def _compartments(self) -> Compartments | None:
+        return self.compartments
 
     @cached_property
     def stack(self) -> Stack:

@@ -10,8 +10,10 @@ from ngfsi_geometry.tube import TubeSegment
 from ngfsi.bench.engine import Setup
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Output, TimeStepping
 from ngfsi.config.functions import PressureRamp
+from ngfsi.materials import Hencky, SolidLaw
+from ngfsi.transport.models import Age
 from ngfsi.units import MMHG
-from ngfsi_studies import closing_vein
+from ngfsi_studies import closing_vein, living_tissue
 from ngfsi_studies.compare_tissues import LEVELS, MAIN, case
 from ngfsi_studies.verification.plane import refined
 from ngfsi_studies.verification.turek_hron import BEAM_IN_CHANNEL, rising_case
@@ -89,6 +91,25 @@ def _is_segment(plain: Case) -> bool:
     return hasattr(plain.geometry.mesh, "element")
 
 
+def _of_tissue(plain: Case, change: Callable[[SolidLaw], SolidLaw]) -> Case:
+    """Return a case with another law of its tissue, unless it has none."""
+    tissue = plain.materials.tissue
+    return plain.replace(**{"materials.tissue": change(tissue)}) if tissue else plain
+
+
+def _fibred(tissue: SolidLaw) -> SolidLaw:
+    return living_tissue.reinforced(tissue, living_tissue.ALONG)
+
+
+def _viscous(tissue: SolidLaw) -> SolidLaw:
+    return tissue.replace(viscosity=living_tissue.viscosity("series", float(tissue.shear_modulus or 0.0)))
+
+
+def _hencky(tissue: SolidLaw) -> SolidLaw:
+    young, poisson = float(tissue.youngs_modulus or 0.0), float(tissue.poissons_ratio or 0.0)
+    return Hencky(young=young, poisson=poisson, density=tissue.density)
+
+
 VARIANTS: dict[str, Callable[[Case], Setup]] = {
     "textbook": lambda plain: Setup(_textbook(plain)),
     "textbook-same-size": lambda plain: Setup(_on_tetrahedra(_newton_by_umfpack(plain))),
@@ -98,9 +119,14 @@ VARIANTS: dict[str, Callable[[Case], Setup]] = {
     "umfpack": lambda plain: Setup(plain.replace(**{"solver.linear": "umfpack"})),
     "tetrahedra": lambda plain: Setup(_on_tetrahedra(plain)),
     "without-contact": lambda plain: Setup(plain.replace(**{"conditions.contact": None})),
+    "fibres": lambda plain: Setup(_of_tissue(plain, _fibred)),
+    "prony": lambda plain: Setup(_of_tissue(plain, _viscous)),
+    "hencky": lambda plain: Setup(_of_tissue(plain, _hencky)),
+    "age": lambda plain: Setup(plain.replace(scalars=(Age(),))),
     "one-thread": lambda plain: Setup(plain, threads=1),
 }
 """textbook: Newton's method with a fresh factorisation by UMFPACK in every iteration, on Netgen's tetrahedra of default
 sizes and second order; textbook-same-size: on tetrahedra of the case's own sizes and order; newton: with the linear
 solver and the mesh as they are; single: factors of single precision; without-contact: the mesh of the
-blood moves by `discretisation.mesh_motion`; one-thread: what threads gain."""
+blood moves by `discretisation.mesh_motion`; fibres, prony, hencky: tissue of the same moduli with one family of fibres,
+with two Maxwell elements, of Hencky's law; age: the blood carries its age; one-thread: what threads gain."""

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - its usual name
 from ngfsi_geometry import templates
-from ngfsi_geometry.calf import CalfSegment
+from ngfsi_geometry.calf import CalfSegment, Compartments
 from ngfsi_geometry.calf_section import COMPARTMENTS, subject
 from ngfsi_geometry.example_labels import rough_calf
 from ngfsi_geometry.imaging import LABELS, LabelMap, phantom_stack
 from ngfsi_geometry.labelled import LabelledCalf
 from ngfsi_geometry.loft import DENSE, SAMPLES, around, series
 from ngfsi_geometry.lofted_calf import ANATOMY, LoftedCalf
-from ngfsi_geometry.segment import MeshSettings
+from ngfsi_geometry.segment import FatLayer, MeshSettings
 
 from ngfsi import cli
 from ngfsi.case import Case
@@ -31,6 +31,7 @@ from ngfsi.config.columns import read_columns
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import GeometryError
 from ngfsi.mesh.domain import Domain
+from ngfsi.mesh.geometry import COMPARTMENTS as COMPARTMENTS_OF_CALF
 from ngfsi.outlines.outline import Outline
 from ngfsi.run import run
 from ngfsi.store import open_run
@@ -75,6 +76,40 @@ def test_lofts_of_circles_are_the_circular_calf() -> None:
         assert here.area(name) == pytest.approx(there.area(name), rel=1.5e-3), name
     assert here.area("inlet") == pytest.approx(pi * TAPERED.lumen_radius**2, rel=1e-4)
     assert here.geometry.rigid_names == ("tibia", "fibula")
+
+
+def test_fat_and_compartments_of_outlines() -> None:
+    """Those of the circular calf, whose septa lie as here; the fat is a ring. Membranes find their boundaries."""
+    straight = TAPERED.replace(skin_radius_distal=55e-3, skin_radius_proximal=55e-3)
+    straight = straight.replace(fat=FatLayer(thickness=6e-3), compartments=Compartments())
+    geometry = LoftedCalf(heights=HEIGHTS, mesh=COARSE, fat=straight.fat, compartments=Compartments(),
+                          **circles(straight))  # fmt: skip
+    here, exact = domain_of(geometry), straight.exact_volumes()
+    assert set(here.regions) == {*COMPARTMENTS_OF_CALF, "fat", "wall", "fluid"}
+    for name, volume in exact.items():
+        # septa follow the surfaces as an elastic body does, from chords to arcs
+        assert here.volume(name) == pytest.approx(volume, rel=2e-2 if name in COMPARTMENTS_OF_CALF else 1e-3), name
+    assert geometry.exact_volumes()["fat"] == pytest.approx(pi * (55e-3**2 - 49e-3**2) * LENGTH, rel=1e-4)
+    assert here.area("fascia") == pytest.approx(2 * pi * 49e-3 * LENGTH, rel=1e-3)
+    septum = straight._septa[0].line
+    assert here.area("interosseous_membrane") == pytest.approx(np.hypot(*(septum[1] - septum[0])) * LENGTH, rel=5e-3)
+    assert here.statistics()["smallest_jacobian_ratio"] > 0.1
+    with pytest.raises(GeometryError, match=r"^slice \d: fat of 60 mm leaves nothing inside: make it thinner$"):
+        geometry.replace(fat=FatLayer(thickness=60e-3))
+
+
+def test_distance_within_a_star() -> None:
+    """Of an ellipse, less its perimeter times t, plus pi t^2 (Steiner), as long as t is less than the least radius of
+    curvature; and seen from beside the middle of a circle."""
+    outline = ellipse(54e-3, 49e-3, 0.0, 0.0)
+    t, row = 5e-3, outline.harmonics((1e-3, 2e-3), 24)
+    found = around(series(row, DENSE * SAMPLES), -t)
+    area = pi / len(found) * found.sum()
+    assert area == pytest.approx(pi * 54e-3 * 49e-3 - outline.length * t + pi * t * t, rel=2e-4)
+    row = Outline.circle(2e-3, 0.0, 5e-3, 64).harmonics((0.0, 0.0), 24)
+    angles = 2 * pi * np.arange(SAMPLES) / SAMPLES
+    expected = 2e-3 * np.cos(angles) + np.sqrt(4e-3**2 - (2e-3 * np.sin(angles)) ** 2)
+    assert np.sqrt(around(series(row, DENSE * SAMPLES), -1e-3)) == pytest.approx(expected, rel=5e-4)
 
 
 def test_volumes_of_bent_and_turning_parts() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -12,11 +13,14 @@ from ngfsi.materials import (
     MooneyRivlin,
     NeoHookean,
     Newtonian,
+    Ogden,
     SaintVenantKirchhoff,
     available_sets,
     load_set,
 )
 from ngfsi.materials.parameter_sets import read_set
+from ngfsi.materials.solid.blemker import Blemker
+from ngfsi.materials.solid.holzapfel_gasser_ogden import HolzapfelGasserOgden
 
 # (c10, c01, c11, K) in Pa: thesis chapter 4, K of subjects 1-4; the review's table 2 with K of subject 1 over ten
 MOONEY_RIVLIN = {
@@ -45,6 +49,9 @@ def test_nothing_ships_unchecked() -> None:
         "loose_connective_tissue",
         "blood",
         "muscle_blemker",
+        "muscle_bosboom",
+        "muscle_palevski",
+        "adventitia",
         "skin",
         "crural_fascia",
         *THINNING,
@@ -76,6 +83,38 @@ def test_wall_and_blood() -> None:
     blood = load_set("blood")
     assert isinstance(blood, Newtonian)
     assert (blood.density, blood.viscosity) == (1060.0, 0.0035)
+
+
+def test_viscoelastic_muscle() -> None:
+    """At once and in the long run the shear moduli are those printed."""
+    for name, at_once, rest, alpha in (("muscle_bosboom", 15.6e3, 0.451 * 15.6e3, 21.4),
+                                       ("muscle_palevski", 5711.0, 807.0, 2.0)):  # fmt: skip
+        law = load_set(name)
+        assert isinstance(law, Ogden)
+        assert law.viscosity is not None
+        assert law.shear_modulus == pytest.approx(rest, rel=1e-12)
+        assert law.shear_modulus + sum(law.viscosity.moduli) == pytest.approx(at_once, rel=1e-12)
+        assert law.alpha == (alpha,)
+        assert law.poissons_ratio == pytest.approx(0.49, abs=2e-4)
+    (tau,) = load_set("muscle_bosboom").viscosity.times
+    assert tau == 6.01
+    (tau,) = load_set("muscle_palevski").viscosity.times
+    # 20 s after, 10 % above the plateau
+    assert 4904 * math.exp(-20 / tau) == pytest.approx(80.7, rel=5e-3)
+
+
+def test_fibres() -> None:
+    wall = load_set("adventitia")
+    assert isinstance(wall, HolzapfelGasserOgden)
+    assert (wall.c, wall.k1, wall.k2, wall.kappa) == (7640.0, 996.6e3, 524.6, 0.226)
+    assert [math.degrees(one.angle) for one in wall.fibres] == pytest.approx([49.98, -49.98], rel=1e-12)
+    muscle = load_set("muscle_blemker")
+    assert isinstance(muscle, Blemker)
+    constants = (muscle.G1, muscle.G2, muscle.P1, muscle.P2, muscle.peak_stress, muscle.optimal_stretch, muscle.K)
+    assert constants == (500.0, 500.0, 0.05, 6.6, 300e3, 1.07, 1e6)
+    assert muscle.straight_stretch * muscle.optimal_stretch == pytest.approx(1.4, rel=1e-12)
+    # the fascia's bundles have 4 k1 along them at rest
+    assert load_set("crural_fascia").k1 * 4 == 40e6
 
 
 @pytest.mark.parametrize("name", available_sets())

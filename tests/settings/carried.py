@@ -96,6 +96,20 @@ def _exposure() -> Outcome:
     return [value < 1e-12 for value in found], [True] * 3
 
 
+@entry("Exposure.measure", rel=1e-12)
+def _measure() -> Outcome:
+    """Of published constants the time's power takes effect: D is C (tau t) with that of activation."""
+    scalars = carried({"kind": "exposure", "measure": "activation"}, {"kind": "exposure", "name": "lysis",
+                      "measure": "lysis"}, times=(0.0, 1e-6))  # fmt: skip
+    blood = scalars.blood
+    assert blood is not None
+    found, stress = [], np.concatenate([tau.ravel() for tau in blood.shear_stresses])
+    for name in ("exposure", "lysis"):
+        model = scalars.carried[name].model
+        found.append(model.shown(np.concatenate([rate.ravel() for rate in model.source(blood)])).max())
+    return found, [stress.max() / 3.5, 3.31e-8 * stress.max() ** 3.075]
+
+
 @entry("NearWall.layer", rel=0.02)
 def _layer() -> Outcome:
     """Of blood at rest: a ring."""

@@ -407,6 +407,16 @@ def _stacks_of_outlines() -> Outcome:
     )
 
 
+@entry("LoftedCalf.fat", "LoftedCalf.compartments", rel=2e-3)
+def _fat_and_compartments_of_outlines() -> Outcome:
+    """A ring of fat; and the interosseous membrane, from bone to bone."""
+    domain = domain_of(lofted(fat=FatLayer(thickness=5e-3), compartments=Compartments()))
+    apart = np.hypot(41e-3, 22e-3) - 12e-3 - 7e-3
+    return [domain.volume("fat"), domain.area("interosseous_membrane")], 20e-3 * np.array(
+        [pi * (54e-3**2 - 49e-3**2), apart]
+    )
+
+
 @entry("LoftedCalf.first_slice")
 def _first_slice() -> Outcome:
     """By it the slices are counted in refusals."""

@@ -175,6 +175,28 @@ def test_time_near_the_wall() -> None:
     assert scalars.columns()["near_wall_max_s"]() == pytest.approx(3.0, rel=3e-3)
 
 
+def test_activation_of_platelets_in_developed_flow() -> None:
+    """tau t of a path through a pipe is 2 mu L r / (R^2 - r^2), whatever the velocity, here over 3.5 Pa s;
+    and lysis, the 3.31e-8 (tau/Pa)^3.075 (t/s)^0.77 of Giersiepen."""
+    lysis = Exposure(name="lysis", measure="lysis")
+    scalars = carrying(Exposure(measure="activation"), lysis)
+    let_flow(scalars.system, MEAN)
+    for time in np.linspace(0, 3, 61):
+        scalars.advance(time * TRANSIT)
+    s, w = (np.polynomial.legendre.leggauss(200)[k] / 2 + (0.5, 0.0)[k] for k in (0, 1))
+    s = s**0.5
+    speed = 2 * MEAN * (1 - s**2)
+    age = np.minimum(L / speed, 3 * TRANSIT)
+    tau = 4 * BLOOD.viscosity * MEAN * s / R
+    found = scalars.columns()
+    assert found["exposure_outlet_1"]() == pytest.approx(w @ (speed * tau * age / 3.5) / MEAN, rel=0.02)
+    crossed = 2 * BLOOD.viscosity * L * s / (1 - s**2) / R / 3.5
+    assert (tau * age / 3.5)[:120] == pytest.approx(crossed[:120], rel=1e-12)
+    exact = 3.31e-8 * tau**3.075 * age**0.77
+    assert found["lysis_outlet_1"]() == pytest.approx(w @ (speed * exact) / MEAN, rel=0.02)
+    assert Exposure(measure="lysis", constant=1.0).stress_power == 3.075
+
+
 def test_exposure_at_the_outlet() -> None:
     """Of developed flow: tau (L/u)^0.452 along each path, tau = 2 mu u_max r / R^2; and the time near the wall, of
     paths that are near it all the way."""
