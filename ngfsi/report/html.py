@@ -155,7 +155,8 @@ def _print(figure: go.Figure, title: str) -> None:
         title=title, title_yref="container", title_y=0.98, title_yanchor="top", font=FONT, title_font=FONT,
         legend={"yref": "container", "y": 0, "yanchor": "bottom"}, margin_t=50,
     )  # fmt: skip
-    figure.layout.sliders = ()
+    if figure.layout.sliders:
+        figure.layout.sliders, figure.layout.margin.b = (), 10
     figure.update_xaxes(title_font=FONT).update_yaxes(title_font=FONT).update_annotations(font=FONT)
 
 
