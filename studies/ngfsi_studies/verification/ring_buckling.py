@@ -11,10 +11,11 @@ from ngsolve.meshes import MakeStructured2DMesh
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 from scipy.interpolate import PchipInterpolator
+from scipy.linalg import eigvalsh
 from scipy.optimize import brentq
-from scipy.sparse.linalg import eigsh
 
 from ngfsi.materials import SaintVenantKirchhoff
+from ngfsi.materials.solid.linear import LinearAtRest
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.sparse import csr
@@ -37,8 +38,8 @@ TOPS = (0.9, 0.6, 0.3)
 class QuarterRing:
     """A quarter of a ring of unit radius of the middle surface, symmetric about both axes."""
 
-    def __init__(self, thickness: float, order: int, around: int, oval: float = 0.0) -> None:
-        self.scale = LAW.young / (1 - LAW.poisson**2) * thickness**3 / 12
+    def __init__(self, thickness: float, order: int, around: int, oval: float = 0.0, law: LinearAtRest = LAW) -> None:
+        self.scale = law.young / (1 - law.poisson**2) * thickness**3 / 12
         self.mesh = MakeStructured2DMesh(quads=True, nx=1, ny=around)
         angle, radius = ng.pi / 2 * ng.y, 1 + thickness * (ng.x - 0.5) + oval * ng.cos(ng.pi * ng.y)
         self.shape = ng.GridFunction(ng.VectorH1(self.mesh, order=order))
@@ -48,7 +49,7 @@ class QuarterRing:
         d, v = space.TnT()
         self.pressure = ng.Parameter(0.0)
         self.form = ng.BilinearForm(space)
-        self.form += terms.internal_work(LAW, Kinematics(ng.Grad(d)).F, ng.Grad(v)).Compile() * ng.dx
+        self.form += terms.internal_work(law, Kinematics(ng.Grad(d)).F, ng.Grad(v)).Compile() * ng.dx
         skin = Kinematics(ng.Grad(d).Trace())
         self.form += terms.follower_pressure(self.pressure, skin, ng.specialcf.normal(2), v.Trace()) * ng.ds("right")
         self.found = ng.GridFunction(space)
@@ -64,7 +65,7 @@ class QuarterRing:
         self.press(scaled)
         self.form.AssembleLinearization(self.found.vec)
         matrix = csr(self.form.mat)[self.free][:, self.free]
-        return float(eigsh(matrix, k=1, sigma=0.0, return_eigenvectors=False, tol=1e-8)[0])
+        return float(eigvalsh(matrix.toarray(), subset_by_index=(0, 0))[0])
 
     def height(self) -> float:
         """Return how far the middle surface's top is above the middle of the ring, over its radius."""
