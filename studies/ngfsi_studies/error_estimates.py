@@ -92,15 +92,8 @@ def vein(folder: Path) -> Iterator[Row]:
 
 def calf(folder: Path) -> Iterator[Row]:
     """M tissue at rest under 25 mmHg."""
-
-    def at_rest_under(level: compare_tissues.Level) -> Case:
-        return compare_tissues.case("m_s1", level).replace(**{
-            "time.scheme": "static", "time.step": 0.25, "time.smallest_step": 0.25 / 64, "time.end": 1.0,
-            "output.fields_every": 0, "output.wall_every": 1000,
-        })  # fmt: skip
-
-    coarse = {"calf, coarse, order 2": at_rest_under(compare_tissues.COARSE)}
-    yield from _of_runs(coarse, at_rest_under(compare_tissues.LEVELS["demo"]), folder / "calf")
+    coarse = {"calf, coarse, order 2": vein_refinement.calf_at_rest(compare_tissues.COARSE)}
+    yield from _of_runs(coarse, vein_refinement.calf_at_rest(compare_tissues.LEVELS["demo"]), folder / "calf")
 
 
 def _of_systems(name: str, found: System, measure: Callable[[System], Values], exact: Values) -> Iterator[Row]:
