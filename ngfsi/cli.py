@@ -105,8 +105,8 @@ def run(
 
     The results go to runs/<name of the case>.
 
-    With --error two more runs, with elements of one order less and with steps of double size, tell the error of loss
-    and wall shear stress: errors.csv.
+    With --error the end in elements of one order more, and one more run with steps of double size, tell the error of
+    loss and wall shear stress: errors.csv.
 
     With --refine 2 the case is computed again on two refined meshes, in refined_1 and refined_2, each finer where
     elements of another order differ: layers of straight veins and calves, or tetrahedra of an external mesh. --error

@@ -41,11 +41,11 @@ def test_the_cheapest_of_the_good_is_named() -> None:
         "all": (9.0, 100.0, 1.0),
     }
     table = {
-        key: dict(zip(discretisation.COLUMNS, (1000, cpu, 500.0, area, sawss), strict=True))
+        key: dict(zip(discretisation.COLUMNS, (1000, cpu, 500.0, area, 120 - area, sawss, 2 * sawss), strict=True))
         for key, (cpu, area, sawss) in rows.items()
     }
     errors = {key: discretisation.errors_of(table[key], table["all"]) for key in ("bad", "good", "best")}
-    assert errors["good"] == pytest.approx({"area": 5e-4, "sawss": 5e-3}, rel=1e-9)
+    assert errors["good"] == pytest.approx({"area": 5e-4, "loss": 2.5e-3, "sawss": 5e-3, "largest": 5e-3}, rel=1e-9)
     assert "are **good**, with 1,000 unknowns and 2 s" in discretisation.answer(table, errors)
     assert "within 0.1 % in area and 1 % in SAWSS" in discretisation.answer(table, errors)
     assert "No elements" in discretisation.answer(table, {"bad": errors["bad"]})

@@ -1,4 +1,4 @@
-"""`ngfsi run --error`: what the two companions tell, held against the stored runs; and how it goes on when stopped."""
+"""`ngfsi run --error`: what it tells, held against runs of another order and step; and how it goes on when stopped."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from ngfsi.case import Case
 from ngfsi.cli import app
 from ngfsi.config.functions import PressureRamp
 from ngfsi.errors import OutputError, SolverError, StoppedError
+from ngfsi.run import run
 from ngfsi.run.estimate import companions, estimate
 from ngfsi.run.interrupts import Stops
 from ngfsi.store import StoredRun, open_run
+from tests.output.fake import CASE as FAKE
 from tests.output.fake import fake_run
 from tests.vein import TUBE, case_of
 
@@ -57,34 +59,40 @@ def test_companions() -> None:
     assert list(companions(case.replace(**{"time.scheme": "static"}))) == ["space"]
 
 
-def test_a_run_tells_its_errors(whole: tuple[Path, str]) -> None:
-    """As differences to the companions at the times that both have."""
+def test_a_run_tells_its_errors(whole: tuple[Path, str], tmp_path: Path) -> None:
+    """From space twice the difference to a run of one order more, which is not computed; from time, of a scheme of
+    second order, that to the companion at the times that both have."""
     folder, said = whole
     with (folder / "errors.csv").open() as file:
         rows = {row["quantity"]: row for row in csv.DictReader(file)}
     assert list(rows) == ["loss of volume", "SAWSS", "largest wall shear stress"]
     assert [row["unit"] for row in rows.values()] == ["1", "Pa", "Pa"]
     assert all(re.search(rf"│ {quantity} ", said) for quantity in rows)
-    own, space, time = (open_run(folder / name).series for name in ("", "companion_space", "companion_time"))
-    loss = [1 - one["lumen_volume_m3"] / one["lumen_volume_m3"][0] for one in (own, space, time)]
-    assert float(rows["loss of volume"]["value"]) == pytest.approx(loss[0][-1], rel=1e-12)
-    for name, other, every in (("space", loss[1], 1), ("time", loss[2], 2)):
-        differences = np.abs(loss[0][::every] - other) / loss[0].max()
-        assert float(rows["loss of volume"][f"{name}_end_1"]) == pytest.approx(differences[-1], rel=1e-9)
-        assert float(rows["loss of volume"][f"{name}_largest_1"]) == pytest.approx(differences.max(), rel=1e-9)
+    own, time = (open_run(folder / name).series for name in ("", "companion_time"))
+    finer = run(CASE.replace(**{"discretisation.order": 3}), tmp_path / "finer", quiet=True).series
+    loss, doubled, exact = (1 - one["lumen_volume_m3"] / one["lumen_volume_m3"][0] for one in (own, time, finer))
+    told = rows["loss of volume"]
+    assert float(told["value"]) == pytest.approx(loss[-1], rel=1e-12)
+    differences = np.abs(loss[::2] - doubled) / loss.max()
+    assert float(told["time_end_1"]) == pytest.approx(differences[-1], rel=1e-9)
+    assert float(told["time_largest_1"]) == pytest.approx(differences.max(), rel=1e-9)
+    assert float(told["space_end_1"]) == pytest.approx(2 * abs(exact[-1] - loss[-1]) / loss.max(), rel=1e-3)
+    for name, column in (("SAWSS", "sawss_Pa"), ("largest wall shear stress", "wss_max_Pa")):
+        change = abs(finer[column][-1] - own[column][-1]) / own[column].mean()
+        assert float(rows[name]["space_end_1"]) == pytest.approx(2 * change, rel=5e-2), name
     sawss = np.abs(own["sawss_Pa"][::2] - time["sawss_Pa"]) / own["sawss_Pa"].mean()
     assert float(rows["SAWSS"]["time_largest_1"]) == pytest.approx(sawss.max(), rel=1e-9)
 
 
 def test_stopped_and_resumed(whole: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the run, then in either companion: what is complete stays, the rest goes on, with the same errors."""
+    """In the run, then in the companion: what is complete stays, the rest goes on, with the same errors."""
     folder = tmp_path / "found"
     (tmp_path / "vein.toml").write_text(CASE.to_toml())
     with monkeypatch.context() as patch:
-        asked = iter([None] * 2 + ["stop"] + [None] * (3 + 2) + ["stop"] + [None] * (3 + 1) + ["stop"])
+        asked = iter([None] * 2 + ["stop"] + [None] * (3 + 1) + ["stop"])
         patch.setattr(Stops, "request", lambda _: StoppedError("stopped by the test") if next(asked) else None)
         again = ["resume", str(folder)]
-        for command in (["run", str(tmp_path / "vein.toml"), "-o", str(folder)], again, again):
+        for command in (["run", str(tmp_path / "vein.toml"), "-o", str(folder)], again):
             error = called(*command).exception
             assert isinstance(error, StoppedError)
             assert re.fullmatch(rf"stopped by the test at t = 0\.2 s, .*: go on with `ngfsi resume {folder} --error`",
@@ -94,15 +102,20 @@ def test_stopped_and_resumed(whole: tuple[Path, str], tmp_path: Path, monkeypatc
     assert result.exit_code == 0, result.output
     assert result.output == whole[1]
     assert (folder / "errors.csv").read_bytes() == (whole[0] / "errors.csv").read_bytes()
-    for name in ("", "companion_space", "companion_time"):
+    for name in ("", "companion_time"):
         assert [one["from_s"] for one in open_run(folder / name).manifest["resumed"]] == [0.2], name
     with pytest.raises(OutputError, match="nothing to resume"):
         raise called(*again).exception or AssertionError
 
 
-def test_a_companion_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its columns are left out; without any companion there is no table. The time left is what is left."""
-    found, limits = fake_run(tmp_path / "run"), []
+def test_what_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its columns are left out; without any error there is no table. The time left is what is left.
+
+    The companion in space, of one order less, is that of a prestressed shape. With a scheme of fourth order the
+    difference to steps of double size is divided by 3.
+    """
+    prestressed = FAKE.replace(**{"conditions.initial_state": "prestress", "time.scheme": "sdirk4"})
+    found, limits = fake_run(tmp_path / "run", prestressed), []
 
     def failing(case: Case, folder: Path, *, max_wall: float, **_: Any) -> StoredRun:
         limits.append(max_wall)
@@ -115,10 +128,16 @@ def test_a_companion_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.Monk
     rows = estimate(found, max_wall=60.0, say=said.append)
     assert said == ["no error from space: it diverged"]
     assert "space_end_1" not in rows[0]
-    assert rows[0]["time_end_1"] == pytest.approx(0.05 / 0.25, rel=1e-9)
+    assert rows[0]["time_end_1"] == pytest.approx(0.05 / 0.25 / 3, rel=1e-9)
     assert found.errors == [{**row, "unit": 1.0 if row["unit"] == "1" else "Pa"} for row in rows]
-    assert 59.0 < limits[1] < limits[0] <= 60.0
+    assert 50.0 < limits[1] < limits[0] <= 60.0
     fail.append("companion_time")
     shutil.rmtree(tmp_path / "run" / "companion_time")
-    with pytest.raises(OutputError, match="no error from space: it diverged; no error from time: it diverged"):
+    with pytest.raises(OutputError, match="no error from time: it diverged; no error from space: it diverged"):
         estimate(found, max_wall=60.0)
+    fail.clear()
+    elastic = fake_run(tmp_path / "elastic")
+    assert "time_end_1" in estimate(elastic, max_wall=60.0, say=said.append)[0]
+    assert re.fullmatch(r"no error from space: '.*end\.npz' cannot be read: No such file or directory", said[-1])
+    lower = estimate(fake_run(tmp_path / "again", prestressed), max_wall=60.0)
+    assert lower[0]["space_largest_1"] == pytest.approx(0.05 / 0.25, rel=1e-9)

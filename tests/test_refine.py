@@ -108,7 +108,7 @@ def test_bisected_tetrahedra_keep_shape_and_names(order: int, tmp_path: Path) ->
     chosen[:5] = True
     found = given.refined(chosen[given.parts_to_refine(before.mesh)], tmp_path / "refined.msh")
     after = Domain.build(found)
-    assert after.mesh.ne > before.mesh.ne + 5 * 7
+    assert 2 * before.mesh.ne > after.mesh.ne >= before.mesh.ne + 5
     assert ExternalMesh.from_dict(found.to_toml_dict()) == found
     assert (found.solids, found.boundary_names) == (given.solids, given.boundary_names)
     for name in before.regions:
@@ -120,7 +120,7 @@ def test_bisected_tetrahedra_keep_shape_and_names(order: int, tmp_path: Path) ->
     sizes = [ng.Integrate(ng.CF(1) * ng.dx, part.mesh, element_wise=True).NumPy() for part in (before, after)]
     for k, middle in enumerate(middles):
         inside = after.mesh(*after.on_straight_mesh(middle[None])[0])
-        assert sizes[1][inside.nr] < sizes[0][k] / 7
+        assert sizes[1][inside.nr] < sizes[0][k] / 1.99
 
 
 def test_what_cannot_be_refined_is_refused(tmp_path: Path) -> None:

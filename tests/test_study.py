@@ -379,7 +379,7 @@ def test_accuracy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert tissue_findings.numerical_errors("other", target) == {}
     text = page.read_text(encoding="utf-8")
     assert "| fine mesh | 2 | 8,000 |" in text
-    assert "| error bar of fine mesh, space |  |  |  | 0.44 % |" in text
+    assert "| error bar of fine mesh, space |  |  |  | 0.44 % | 1.3 % |" in text  # of volume and of loss
     monkeypatch.setattr(tissue_accuracy, "run_cases", lambda *_: {"demo_mesh": Outcome(None, "no mesh")})
     with pytest.raises(NgfsiError, match=r"'demo_mesh' in .* failed: no mesh"):
         tissue_accuracy.measure(tmp_path, target, page)

@@ -23,7 +23,7 @@ def known(step: float, shear: float = 0.0, lost: float = 0.0) -> Any:
     costs = {name: np.array([one, two]) for name, one, two in (("iterations", 3, 4), ("factorisations", 1, 0))}
     return SimpleNamespace(
         series=series, costs=costs, manifest={"cpu_s": 5.0},
-        case=SimpleNamespace(name="known", time=SimpleNamespace(end=0.2)),
+        case=SimpleNamespace(name="known", time=SimpleNamespace(end=0.2, step=step)),
     )  # fmt: skip
 
 
@@ -38,13 +38,13 @@ def test_cases() -> None:
 
 def test_errors_are_the_largest_at_common_times() -> None:
     point = Point("linear", "bdf2", 0.01)
-    found = result(point, known(0.01, shear=0.0222, lost=0.001), known(0.002))
+    found = result(point, known(0.01, shear=0.0222, lost=0.001), known(0.002), 0.02)
     assert (found.iterations, found.factorisations, found.cpu_s) == (7, 1, 5.0)
     assert found.sawss_error == pytest.approx(0.0222 / 1.11, rel=1e-9)  # the mean over 20, 40, ... 200 ms
     assert found.sawss_rms == pytest.approx(0.02 / np.sqrt(10), rel=1e-9)
     assert found.loss_error == pytest.approx(0.01, rel=1e-9)
     with pytest.raises(ValueError, match=r"not each multiple of 0\.02 s"):
-        at_common_times(known(0.2 / 6), "sawss_Pa", 0.2)
+        at_common_times(known(0.2 / 6), "sawss_Pa", 0.2, 0.02)
 
 
 def test_report(tmp_path: Path) -> None:
@@ -53,7 +53,8 @@ def test_report(tmp_path: Path) -> None:
     outcomes = {point.key: Outcome(None, "no mesh") for point in points(level)}
     outcomes[reference.key] = Outcome(known(0.002))
     outcomes["linear-bdf2-10ms"] = Outcome(known(0.01, shear=0.0222, lost=0.001))
+    outcomes["linear-bdf2-20ms"] = Outcome(known(0.02, shear=0.0666, lost=0.004))
     text = time_schemes.write_report("demo", tmp_path, outcomes).read_text(encoding="utf-8")
-    assert "| linear | bdf2 | 10 | 7 | 1 | 5 | 2.00 | 0.63 | 1.000 |" in text
+    assert "| linear | bdf2 | 10 | 7 | 1 | 5 | 2.00 | 0.63 | 1.000 | 2.0 | 3.0 |" in text
     assert "- smooth-bdf2-10ms: no mesh" in text
     assert (tmp_path / "sawss.png").exists()

@@ -471,9 +471,10 @@ def _headline(runs: Runs) -> Section:
 def _errors(runs: Runs) -> list[Section]:
     rows = [[title, *row] for title, run in runs.items() for row in error_rows(run)]
     note = (
-        "Differences to a companion with elements of one order less, or more where there is no lower one, and to one "
-        "with steps of double size: of the loss over the largest loss, of wall shear stress over its mean in time, at "
-        "the end and the largest at the times in common. Where they fail: docs/theory.md."
+        "Of the loss over the largest loss, of wall shear stress over its mean in time. From space: twice the change "
+        "at the end in elements of one order more on the same mesh; where that cannot be, the difference to a run of "
+        "one order less, with the largest in time. From time: by the difference to a run with steps of double size, at "
+        "the end and the largest at the times in common. How good that is: docs/theory.md."
     )
     return [("Estimated errors", [Table(["run", *ERRORS_HEAD], rows), note])] if rows else []
 

@@ -9,7 +9,7 @@
     shape.csv       their area, perimeter, axes ... perpendicular to the vein (see measure/shape.py)
     stability.csv   smallest eigenvalue and critical pressure, if asked for (see measure/stability.py)
     volume.pvd, wall.pvd, fields/   fields for ParaView (see fields.py)
-    errors.csv      estimated errors, and companion_space/ and companion_time/, the runs that tell them, if asked for
+    errors.csv      estimated errors, if asked for, and the runs that tell them: companion_time/, companion_space/
     end.npz         the state at the end of a run that is complete, and the fingerprint of its mesh
     refined_1/ ...  the same case on refined meshes, and refined_1.msh ... where they are in files, if asked for
     run.log         what happened, with the seconds since the start

@@ -64,6 +64,8 @@ FINEST = {"demo": (Family("mixed", 3, (1.2,)), 1.2), "paper": (Family("mixed", 4
 """By level: what all are held against, and the smallest size that is computed."""
 
 TITLES = {"area": "error of the lumen's mean area", "sawss": "error of the SAWSS, mean over the ramp"}
+MEASURES = {"area": "lumen_area_mm2", "loss": "loss_percent", "sawss": "sawss_Pa", "largest": "wss_max_Pa"}
+"""What has an error -> its column."""
 WANTED = {"area": 1e-3, "sawss": 1e-2}
 """Relative errors that the elements of a level of `compare_tissues` should not exceed."""
 
@@ -72,7 +74,11 @@ COLUMNS: Mapping[str, Callable[[StoredRun], float]] = {
     "cpu_s": lambda run: run.manifest["cpu_s"],
     "peak_memory_MB": lambda run: run.manifest["peak_memory_MB"],
     "lumen_area_mm2": lambda run: from_si(run.series["lumen_volume_m3"][-1] / run.case.geometry.length, "mm2"),
+    "loss_percent": lambda run: from_si(
+        1 - run.series["lumen_volume_m3"][-1] / run.series["lumen_volume_m3"][0], "percent"
+    ),
     "sawss_Pa": lambda run: mean_over_steps(run.series, "sawss_Pa"),
+    "wss_max_Pa": lambda run: mean_over_steps(run.series, "wss_max_Pa"),
 }
 
 
@@ -123,26 +129,28 @@ def _key(family: Family, size: float) -> str:
 
 
 def errors_of(row: Mapping[str, float], reference: Mapping[str, float]) -> dict[str, float]:
-    """Return by how much area and SAWSS of a run are off those of another, relative."""
-    columns = {"area": "lumen_area_mm2", "sawss": "sawss_Pa"}
-    return {name: abs(row[column] / reference[column] - 1) for name, column in columns.items()}
+    """Return by how much a run is off another, relative: area, loss of volume, SAWSS and largest wall shear."""
+    return {name: abs(row[column] / reference[column] - 1) for name, column in MEASURES.items()}
 
 
 def _text(level: str, table: Mapping[str, Mapping[str, float]], errors: Mapping[str, Mapping[str, float]],
           reference: str) -> str:  # fmt: skip
-    head = ("elements", "unknowns", "CPU (s)", "memory (MB)", "area (mm2)", "error (%)", "SAWSS (Pa)", "error (%)")
+    head = ("elements", "unknowns", "CPU (s)", "memory (MB)", "area (mm2)", "error (%)", "loss (%)", "error (%)",
+            "SAWSS (Pa)", "error (%)", "largest wall shear (Pa)", "error (%)")  # fmt: skip
     rows = []
     for key, row in sorted(table.items(), key=lambda item: item[1]["cpu_s"]):
-        off = [f"{from_si(errors[key][name], 'percent'):.2g}" if key in errors else "" for name in TITLES]
+        off = [f"{from_si(errors[key][name], 'percent'):.2g}" if key in errors else "" for name in MEASURES]
         rows.append((key, f"{row['unknowns']:,.0f}", f"{row['cpu_s']:.1f}", f"{row['peak_memory_MB']:.0f}",
-                     f"{row['lumen_area_mm2']:.3f}", off[0], f"{row['sawss_Pa']:.5f}", off[1]))  # fmt: skip
+                     f"{row['lumen_area_mm2']:.3f}", off[0], f"{row['loss_percent']:.3f}", off[1],
+                     f"{row['sawss_Pa']:.5f}", off[2], f"{row['wss_max_Pa']:.5f}", off[3]))  # fmt: skip
     return "\n".join(
         (
             f"# Elements for the calf, level `{level}`\n",
             answer(table, errors) + "\n",
             f"![errors over time]({FIGURE})\n",
             f"M tissue under 25 mmHg in {STEPS} steps of 0.1 s, the same for all, so that they differ by their error "
-            "in space alone. Area is that at the end of the ramp, SAWSS the mean over the ramp; errors are distances "
+            "in space alone. Area and loss are those at the end of the ramp, SAWSS and the largest wall shear means "
+            "over the ramp; errors are distances "
             f"from {reference} (no errors in its row). Size 1 is 25 mm in the tissue and 3.2 mm at the vein; `layers` "
             "are elements thin at the wall of the lumen. CPU times are of the whole process with one thread.\n",
             markdown_table(head, rows),

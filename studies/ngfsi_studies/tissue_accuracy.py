@@ -98,8 +98,10 @@ def _error(coarse: Results, finest: Results, bar: Results) -> Results:
 
 def _at_ramp_end(run: StoredRun) -> Results:
     row = run.loaded_row
-    time, volume, sawss = (float(run.series[column][row]) for column in ("time_s", "lumen_volume_m3", "sawss_Pa"))
-    return {"volume": volume, "sawss": sawss, "mean_sawss": mean_sawss(run, time)}
+    names = "time_s", "lumen_volume_m3", "sawss_Pa", "wss_max_Pa"
+    time, volume, sawss, largest = (float(run.series[column][row]) for column in names)
+    loss = 1 - volume / float(run.series["lumen_volume_m3"][0])
+    return {"volume": volume, "loss": loss, "sawss": sawss, "mean_sawss": mean_sawss(run, time), "largest_wss": largest}
 
 
 def _sum(parts: Mapping[str, Results]) -> Results:
@@ -112,13 +114,15 @@ def _sum(parts: Mapping[str, Results]) -> Results:
 
 def _table(runs: Mapping[str, StoredRun], found: Mapping[str, Results], bars: Mapping[str, Results]) -> str:
     """Return the page with all runs and the error bars of the finest ones."""
-    head = ("run", "order", "unknowns", "step (ms)", "mean area (mm2)", "SAWSS (Pa)", "SAWSS, mean of 0.4 s (Pa)")
+    head = ("run", "order", "unknowns", "step (ms)", "mean area (mm2)", "loss (%)", "SAWSS (Pa)",
+            "SAWSS, mean of 0.4 s (Pa)", "largest wall shear (Pa)")  # fmt: skip
     rows = []
     for key, run in runs.items():
         area = 1e6 / run.case.geometry.length
-        values = (area * found[key]["volume"], found[key]["sawss"], found[key]["mean_sawss"])
+        shears = (f"{found[key][name]:.5f}" for name in ("sawss", "mean_sawss", "largest_wss"))
         about = (str(run.case.discretisation.order), f"{run.manifest['unknowns']:,}", f"{1e3 * run.case.time.step:g}")
-        rows.append((key.replace("_", " "), *about, f"{values[0]:.3f}", *(f"{value:.5f}" for value in values[1:])))
+        rows.append((key.replace("_", " "), *about, f"{area * found[key]['volume']:.3f}",
+                     f"{100 * found[key]['loss']:.3f}", *shears))  # fmt: skip
     for what, key in (("space", SPACE[-1]), ("time", TIME[-1])):
         fractions = [f"{100 * bars[what][name] / abs(found[key][name]):.2g} %" for name in found[key]]
         rows.append((f"error bar of {key.replace('_', ' ')}, {what}", "", "", "", *fractions))

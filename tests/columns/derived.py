@@ -235,5 +235,5 @@ held_by(test_folder.test_manifest_merges_tables_and_keeps_a_readable_state, RUN,
 held_by(test_folder.test_series_is_on_the_disk_after_each_row_and_exact, RUN, "series", "costs", "shape", "stability")
 held_by(test_fields.test_fields_are_found_by_time, RUN, "fields")
 held_by(test_fields.test_wall_history, RUN, "wall_history")
-held_by(test_estimate.test_a_companion_that_fails_is_told, RUN, "errors")
+held_by(test_estimate.test_what_fails_is_told, RUN, "errors")
 held_by(test_refine.test_the_state_at_the_end_is_that_of_the_last_row, RUN, "end")
