@@ -17,8 +17,9 @@ from ngfsi.bench import engine as bench
 from ngfsi.case import Case
 from ngfsi.parallel.stopwatch import Stopwatch
 
-RECORDED = {"unknowns": 3096, "factorisations": 3, "iterations": 29}
-"""Of the case `tiny`: what more of these costs, on any machine."""
+RECORDED = {"unknowns": 3096, "factorisations": 3, "iterations": 30}
+"""Of the case `tiny`: what more of these costs, on any machine. With the mesh motion in the same factors as the rest it
+was 29, and each of them took longer."""
 
 
 def test_counts_do_not_get_worse() -> None:

@@ -147,3 +147,28 @@ def choose_backend(wanted: Literal["auto"] | Name) -> Name:
         others = " or ".join(f"'{name}'" for name, backend in fit.items() if not backend.missing())
         raise SolverError(f"solver.linear = '{wanted}' {reason}{f' or use {others}' if others else ''}")
     return wanted
+
+
+CROSSING = {2: 660_000, 3: 270_000}
+"""Order -> unknowns from which `p_multigrid` takes less time than a direct solver (docs/solvers.md)."""
+
+
+def fitting(direct: Name, unknowns: int, order: int, memory: float) -> tuple[Name, str]:
+    """Return the solver to take for a coupled system in one process where 'auto' is asked for, and why.
+
+    Args:
+        direct: what else is taken.
+        unknowns: of the system.
+        order: of its elements.
+        memory: of the machine (GB).
+    """
+    crossing = CROSSING[min(max(order, 2), 3)]
+    needed = 5.3 * (unknowns / 1e5) ** 1.2  # in GB, Pardiso's runs of docs/solvers.md
+    said = f"solver.linear = 'auto' of {unknowns:,} unknowns:"
+    if unknowns >= crossing:
+        return "p_multigrid", f"{said} p_multigrid, which is faster than a direct solver from {crossing:,} on"
+    if needed > memory:
+        return "p_multigrid", (
+            f"{said} p_multigrid, as {direct} would take about {needed:.0f} GB of the {memory:.0f} GB that there are"
+        )
+    return direct, f"{said} {direct}, which is faster than p_multigrid below {crossing:,}; about {needed:.1f} GB"

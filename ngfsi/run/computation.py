@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,7 +17,7 @@ import ngsolve as ng
 from ngfsi.case import Case
 from ngfsi.case.plausible import implausible
 from ngfsi.errors import Interrupted, NgfsiError, OutputError, SolverError, StoppedError
-from ngfsi.linear.backends import Name, choose_backend
+from ngfsi.linear.backends import Name, choose_backend, fitting
 from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.parallel.ranks import all_ranks
@@ -187,6 +188,7 @@ class Computation:
     def _solve(self, domain: Domain, stops: Stops, *, quiet: bool) -> None:
         with self.watch("set-up"):
             system = shared_system(self.case, domain, self.watch, all_ranks())
+            self._fit_backend(system)
             newton = Newton(system, self.backend, *system.unknowns.to_solve)
         with self.watch("initial state"):
             if self.start is None:
@@ -207,6 +209,14 @@ class Computation:
                     observer.look(0.0, None)
                 self._write_checkpoint(loop, observers)
             self._march(loop, observers, progress, stops)
+
+    def _fit_backend(self, system: System) -> None:
+        """Take a solver that fits the size of a system with a solid that can be smoothed; the log says why."""
+        if self.case.solver.linear != "auto" or system.ranks.size > 1 or not system.solids:
+            return
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+        self.backend, why = fitting(self.backend, system.unknowns.size, self.case.discretisation.order, memory)
+        self.folder.log(why)
 
     def _restore(self, loop: TimeLoop, observers: Sequence[Observer]) -> None:
         """Go on from the checkpoint."""

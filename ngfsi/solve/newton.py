@@ -8,8 +8,9 @@ Newton's method with the exact Jacobian.
 
 The rule of renewal, in one place:
   before a step   the time scheme's weight of the new state in the steps to come differs from that of the factors by
-                  more than 20 % (`Newton.solve`), or the step before needed more than `SLOW` iterations; the factors
-                  are then those of the steps to come, which a single step of backward Euler before can use as well;
+                  more than 20 % (`Newton.solve`), or the iterations beyond `FEWEST` of all steps with these factors
+                  have come to what new ones cost (`renewal_cost`): if they grow evenly, the sum of both is then least;
+                  the factors are those of the steps to come, which a single step of backward Euler before can use, too;
   within a step   `PATIENCE` iterations do not reduce the change to a third, or it grows to `GROWTH` times the first.
 With solver.linearise = "always" it happens before every update. Newton's method that makes the change grow as much has
 diverged, and the solve is given up.
@@ -24,14 +25,14 @@ import numpy as np
 
 from ngfsi.arrays import Array, Mask
 from ngfsi.errors import SolverError
-from ngfsi.linear.backends import Name
-from ngfsi.linear.factorisation import Factorisation
+from ngfsi.linear.backends import BACKENDS, Name
+from ngfsi.linear.factorisation import Factorisation, Last
 from ngfsi.linear.levels import levels_of
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import NAMES
 
-SLOW = 12
-"""Iterations of a step beyond which the next one begins with new factors."""
+FEWEST = 4
+"""Iterations that a step takes with fresh factors."""
 PATIENCE = 4
 """Iterations in which the change must fall to a third."""
 GROWTH = 20.0
@@ -51,6 +52,12 @@ FACTORED_KEPT = 2
 def part_of(arrays: Mapping[str, Array], name: str) -> dict[str, Array]:
     """Return the arrays named `name.something` as those named `something`."""
     return {key.removeprefix(f"{name}."): part for key, part in arrays.items() if key.startswith(f"{name}.")}
+
+
+def renewal_cost(unknowns: int, *, iterates: bool) -> float:
+    """Return how many iterations take as long as new factors, from docs/solvers.md: by the number of unknowns alone, so
+    that a run does the same again on a busy machine."""
+    return (20 + unknowns / 1500) * (0.2 if iterates else 1.0)
 
 
 @dataclass
@@ -138,14 +145,15 @@ class Newton:
             self.number = system.ranks.count()
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: Mask = system.unknowns.free(*blocks)
+        self._always = system.case.solver.linearise == "always"
         self.factorisation = Factorisation(
             system.tangent, self.free, backend, system.unknowns.equations, system.watch,
             lambda: levels_of(system.domain, system.unknowns), lambda: self._scale_vector(system.block_scales()),
-            system.ranks, system.unknowns.less,
+            system.ranks, system.unknowns.less, None if self._always else self._last(),
         )  # fmt: skip
         self._factored_weight: float | None = None
-        self._always = system.case.solver.linearise == "always"
-        self._stale = False
+        self._cost = renewal_cost(system.unknowns.size, iterates=BACKENDS[backend].iterates is not None)
+        self._excess = 0
         self._factored_at: list[dict[str, Array]] = []
         self._mixing = Mixing(*self._equations())
         self._update = system.state.vec.CreateVector()
@@ -158,7 +166,7 @@ class Newton:
         kept = {f"point{i}.{name}": part for i, point in enumerate(self._factored_at) for name, part in point.items()}
         kept |= {f"mixing.{name}": part for name, part in self._mixing.arrays().items()}
         weight = np.nan if self._factored_weight is None else self._factored_weight
-        return kept | {"renewal": np.array([weight, self._stale])}
+        return kept | {"renewal": np.array([weight, self._excess])}
 
     def restore(self, arrays: Mapping[str, Array]) -> None:
         """Go on as the solver that returned `arrays`; its factors are made again, and the system is left there."""
@@ -167,9 +175,9 @@ class Newton:
             if point := part_of(arrays, f"point{i}"):
                 self.system.restore(point)
                 self._factorise()
-        weight, stale = arrays["renewal"]
+        weight, excess = arrays["renewal"]
         self._factored_weight = None if np.isnan(weight) else float(weight)
-        self._stale = bool(stale)
+        self._excess = int(excess)
         self._mixing = Mixing.stored(part_of(arrays, "mixing"))
 
     def solve(self, tolerance: float, max_iterations: int, ahead: float | None = None) -> Solution:
@@ -192,7 +200,7 @@ class Newton:
             self.system.values[:] = start
             self._factored_weight = None
             raise
-        self._stale = solution.iterations > SLOW
+        self._excess += max(0, solution.iterations - FEWEST)
         return solution
 
     def _iterate(self, tolerance: float, max_iterations: int, ahead: float) -> Solution:
@@ -240,9 +248,16 @@ class Newton:
         return -np.asarray(self._update.FV().NumPy()[self.free])
 
     def _needs_renewal(self, weight: float) -> bool:
-        if self._factored_weight is None or self._stale or self._always:
+        if self._factored_weight is None or self._excess >= self._cost or self._always:
             return True
         return max(weight, self._factored_weight) > WEIGHT_DRIFT * min(weight, self._factored_weight)
+
+    def _last(self) -> Last | None:
+        """Return the mesh motion as what may be solved for last; None: it may not, or there is none."""
+        unknowns = self.system.unknowns
+        if not unknowns.mesh_follows:
+            return None
+        return Last(unknowns.blocks["e"], unknowns.blocks["w"], self.system.new_weight.Get)
 
     def _equations(self) -> tuple[float, float]:
         """Return what the derivatives depend on beside the state: the weight of the new state, the blood's density."""
@@ -257,7 +272,7 @@ class Newton:
         self.system.new_weight.Set(present)
         self._factored_weight = weight
         self._mixing = Mixing(*self._equations())
-        self._stale = False
+        self._excess = 0
         solution.factorisations += 1
 
     def _factorise(self) -> None:

@@ -53,6 +53,8 @@ class Unknowns:
             mesh is part of the balance of momentum, by which it acts on the wall. Inside of the lumen it is in
             equilibrium; where openings hold it in their plane it is not, and would press on the blood.
         scales: of the conditions' own numbers.
+        mesh_follows: whether the mesh motion follows from the solids' alone, and nothing but the error of the elements
+            from where inside of the lumen it puts them: not where a medium that moves the mesh acts on the wall.
     """
 
     space: Any
@@ -64,6 +66,7 @@ class Unknowns:
     equations: Numbers
     less: tuple[Numbers, Numbers]
     scales: dict[str, float]
+    mesh_follows: bool
 
     @classmethod
     def build(
@@ -100,7 +103,7 @@ class Unknowns:
         none = np.zeros(0, dtype=np.int64)
         blocks = {"d": place[MOTION], "w": none, "p": none, "e": none}
         equations = np.arange(space.ndof)
-        on_opening, less = {}, (none, none)
+        on_opening, less, follows = {}, (none, none), bool(lumens)
         if lumens:
             inner = same_functions(domain, space.components[1], space.components[0], *lumens)
             if np.any(inner < 0):
@@ -112,6 +115,7 @@ class Unknowns:
                 on = _mask(space.components[1].GetDofs(domain.boundaries(name)))
                 on_opening[name] = place[VELOCITY][on]
             if any(condition.moves_mesh() for condition in conditions):
+                follows = False
                 openings = domain.boundaries(*(name for vessel in domain.vessels for name in vessel.openings))
                 at_openings = place[VELOCITY][_mask(space.components[1].GetDofs(openings))]
                 less = at_openings, equations[at_openings]
@@ -120,7 +124,7 @@ class Unknowns:
         blocks |= {name: place[name] for name in scales}
         free = np.concatenate(masks)
         solvable = np.concatenate([free, np.ones(space.ndof - len(free), dtype=bool)])
-        return cls(space, tuple(parts), blocks, on_opening, order, solvable, equations, less, scales)
+        return cls(space, tuple(parts), blocks, on_opening, order, solvable, equations, less, scales, follows)
 
     @property
     def size(self) -> int:

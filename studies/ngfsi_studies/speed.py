@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from ngfsi_geometry.segment import MeshSettings
 from ngfsi_geometry.tube import TubeSegment
 
 from ngfsi.bench.engine import Setup
 from ngfsi.case import Case, Conditions, Discretisation, Loads, Materials, Output, TimeStepping
-from ngfsi.config.functions import PressureRamp
+from ngfsi.config.functions import FlowRamp, PressureConstant, PressureRamp
 from ngfsi.materials import Hencky, SolidLaw
 from ngfsi.transport.models import Age
 from ngfsi.units import MMHG
@@ -19,20 +20,30 @@ from ngfsi_studies.verification.plane import refined
 from ngfsi_studies.verification.turek_hron import BEAM_IN_CHANNEL, rising_case
 
 
-def _vein(mesh: MeshSettings, end: float = 0.2) -> Case:
-    """Return a straight vein in a cylinder of Mooney-Rivlin tissue, clamped, under 10 mmHg after 0.2 s."""
+def _vein(mesh: MeshSettings, end: float = 0.2, **more: Any) -> Case:
+    """Return a straight vein in a cylinder of Mooney-Rivlin tissue, clamped, under 10 mmHg after 0.2 s.
+
+    Args:
+        more: further loads.
+    """
     return Case(
         name="vein",
         geometry=TubeSegment(length=60e-3, outer_radius=30e-3, mesh=mesh),
         materials=Materials.from_dict(
             {"tissue": {"set": "mooney_rivlin_s1"}, "wall": {"set": "vein_wall_source"}, "fluid": {"set": "blood"}}
         ),
-        loads=Loads(skin_pressure=PressureRamp(final=10 * MMHG, duration=0.2)),
+        loads=Loads(skin_pressure=PressureRamp(final=10 * MMHG, duration=0.2), **more),
         conditions=Conditions(ends="clamped"),
         discretisation=Discretisation(order=2),
         time=TimeStepping(step=0.01, end=end, scheme="backward_euler"),
         output=Output(fields_every=0),
     )
+
+
+def _rising(mesh: MeshSettings) -> Case:
+    """Return the same vein without pressure at its outlet, whose flow rises from nothing in 0.05 s."""
+    flow = FlowRamp(initial=0.0, final=2.913e-6, duration=0.05)
+    return _vein(mesh, inlet_flow=flow, outlet_pressure=PressureConstant(value=0.0))
 
 
 def _straight_tetrahedra(far: float, near: float, layers: int, radii: tuple[float, ...]) -> MeshSettings:
@@ -56,15 +67,17 @@ CASES: dict[str, Case] = {
     "vein": _vein(_mixed(14e-3, 3.2e-3, 6, (0.85, 0.55))),
     "vein-layers": _vein(mesh(2.5, 3)).replace(**{"discretisation.order": 3}),
     "vein-tetrahedra": _vein(_straight_tetrahedra(13e-3, 4.4e-3, 10, (0.6,))),
+    "rising-20k": _rising(_straight_tetrahedra(15e-3, 5.0e-3, 9, (0.6,))),
+    "rising-40k": _rising(_straight_tetrahedra(11e-3, 3.7e-3, 12, (0.6,))),
     "turek-hron-fsi2": rising_case("FSI2", refined(BEAM_IN_CHANNEL, order=3, h=1.0), step=0.01, end=4.0),
     **{f"calf-{level}": case(MAIN[0], LEVELS[level]) for level in LEVELS},
     "calf-million": _million(),
     "oval": closing_vein.case(closing_vein.BASE, closing_vein.LEVELS["demo"]),
 }
 """tiny: for the guard of counts; vein: 20 steps of backward Euler, vein-tetrahedra the same on 3,700 straight
-tetrahedra, as other codes have solved it, vein-layers on two layers of order 3; turek-hron-fsi2: a beam in the plane,
-its first seconds; calf: the main study's, Mooney-Rivlin tissue; calf-million: an hour and a half and 14 GB; oval: the
-vein of closing_vein's level demo, half closed in 20 steps."""
+tetrahedra, as other codes have solved it, vein-layers on two layers of order 3; rising: on tetrahedra of two sizes, with
+a flow that rises; turek-hron-fsi2: a beam in the plane, its first seconds; calf: the main study's, Mooney-Rivlin tissue;
+calf-million: an hour and a half and 14 GB; oval: the vein of closing_vein's level demo, half closed in 20 steps."""
 
 SHORT = ("vein", "calf-demo")
 """Cases of seconds or a minute, which are run unless others are named."""

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
 from ngfsi.linear import backends
-from ngfsi.linear.backends import Name, choose_backend, without_mkl
-from ngfsi.linear.factorisation import Factorisation
+from ngfsi.linear import factorisation as factorisation_module
+from ngfsi.linear.backends import Name, choose_backend, fitting, without_mkl
+from ngfsi.linear.factorisation import Factorisation, Last
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import BLOCKS
 from tests.slopes import difference
@@ -35,13 +36,13 @@ def lively(request: pytest.FixtureRequest) -> System:
     return system
 
 
-def factors(system: System, backend: Name) -> Factorisation:
-    return Factorisation(system.tangent, system.unknowns.free(), backend, system.unknowns.equations)
+def factors(system: System, backend: Name, last: Last | None = None) -> Factorisation:
+    return Factorisation(system.tangent, system.unknowns.free(), backend, system.unknowns.equations, last=last)
 
 
-def update(system: System, backend: Name) -> Array:
+def update(system: System, backend: Name, last: Last | None = None) -> Array:
     """One Newton update at the system's state."""
-    factorisation = factors(system, backend)
+    factorisation = factors(system, backend, last)
     factorisation.renew(system.state.vec)
     assert factorisation.count == 1
     residual, result = system.residual(), system.state.vec.CreateVector()
@@ -59,6 +60,26 @@ def test_update_solves_the_linearised_equations(lively: System) -> None:
     size = 1e-5 * np.abs(block(lively, "d", lively.values)).max() / np.abs(block(lively, "d", step)).max()
     along = difference(lively.form, lively.state.vec, step, size)[lively.unknowns.equations]
     for row in BLOCKS:
+        rows = block(lively, row, free)
+        error = block(lively, row, along - residual)[rows]
+        assert np.linalg.norm(error) < 1e-6 * np.linalg.norm(block(lively, row, residual)[rows]), row
+
+
+def test_the_mesh_motion_may_come_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others solve their equations without it, the sum of relative velocity and its rate stays; then it does."""
+    monkeypatch.setattr(factorisation_module, "WORTH", 0.0)
+    lively = system_of(case_of())
+    randomise(lively)
+    unknowns, rate = lively.unknowns, 3.0
+    last = Last(unknowns.blocks["e"], unknowns.blocks["w"], lambda: rate)
+    step, residual = update(lively, choose_backend("auto"), last), np.array(lively.residual().FV().NumPy())
+    before, free = step.copy(), unknowns.free()
+    both = free[unknowns.blocks["w"]] & free[unknowns.blocks["e"]]
+    before[unknowns.blocks["w"][both]] += rate * step[unknowns.blocks["e"][both]]
+    before[unknowns.blocks["e"]] = 0.0
+    for row, of in (("d", before), ("w", before), ("p", before), ("e", step)):
+        size = 1e-5 * np.abs(block(lively, "d", lively.values)).max() / np.abs(block(lively, "d", of)).max()
+        along = difference(lively.form, lively.state.vec, of, size)[unknowns.equations]
         rows = block(lively, row, free)
         error = block(lively, row, along - residual)[rows]
         assert np.linalg.norm(error) < 1e-6 * np.linalg.norm(block(lively, row, residual)[rows]), row
@@ -133,6 +154,21 @@ def test_values_that_are_not_finite_are_reported(backend: Name) -> None:
         factorisation.renew(system.state.vec)
         factorisation.solve(right, result)
         assert not np.all(np.isfinite(result.FV().NumPy()))
+
+
+def test_the_solver_fits_the_size() -> None:
+    """As docs/solvers.md has it: by time, or by memory, with the reason."""
+    assert fitting("pardiso", 20_000, 2, 16.0)[0] == "pardiso"
+    for unknowns, order, memory, why in (
+        (300_000, 3, 100.0, "faster than a direct solver from 270,000"),
+        (700_000, 2, 1000.0, "faster than a direct solver from 660,000"),
+        (300_000, 2, 16.0, "20 GB of the 16 GB"),
+    ):
+        chosen, said = fitting("umfpack", unknowns, order, memory)
+        assert chosen == "p_multigrid"
+        assert why in said
+        assert f"{unknowns:,}" in said
+    assert fitting("umfpack", 300_000, 2, 24.0)[0] == "umfpack"
 
 
 def test_choice_of_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
