@@ -351,8 +351,8 @@ def _elements_of(region_kind: str, case: Case, domain: Domain) -> ng.BitArray:
 def same_mesh(case: Case, domain: Domain, name: str) -> Domain:
     """Return the domain of a case with another geometry, whose elements have the same vertices.
 
-    Mesh files hold curved surfaces to six digits, too few for differences: once it has been made in a process of its own,
-    without a crash, it is made here.
+    Mesh files hold curved surfaces to six digits, too few for differences: once it has been made in a process of its
+    own, without a crash, it is made here.
 
     Raises:
         CaseError: they have not.
