@@ -358,6 +358,14 @@ def design(
     section_loss: Annotated[
         float, typer.Option(help="Fraction of the area of each of eleven sections that may be lost.", min=0, max=1)
     ] = 1.0,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="The same pressures are for the case with this value, too, and the least "
+            "of all is to be large; may be given again.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder of the pressures; default runs/design-<name>.", show_default=False),
@@ -381,8 +389,9 @@ def design(
         section_loss=section_loss, jump=command.pressure(jump, "--jump") if jump else float("inf"),
     )  # fmt: skip
     folder = output or Path("runs") / f"design-{chosen.name}"
+    others = [_chosen(case, [*(changes or ()), one]) for one in also or ()]
     with _interruptible(folder):
-        found = command.design(chosen, of, cuffs, limits, folder, (lambda _: None) if quiet else _say)
+        found = command.design(chosen, of, cuffs, limits, folder, (lambda _: None) if quiet else _say, others)
     typer.echo(command.sentence(found, of))
     typer.echo(f"The pressures and the case under them are in '{folder}'")
 

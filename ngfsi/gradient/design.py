@@ -158,11 +158,6 @@ class Equilibrium:
     aims: Array
     losses: Array
 
-    @property
-    def value(self) -> float:
-        """The least of the aims."""
-        return float(self.aims.min())
-
 
 class Pressed:
     """A vein at rest under any pressures of a layout."""
@@ -205,11 +200,11 @@ class Pressed:
             aims, sizes = ([run.measured[name].value() for name in names] for names in (self.aims, self.sizes))
         return Equilibrium(run, np.array(aims), 1 - np.array(sizes) / self._without_loads)
 
-    def slopes(self, at: Equilibrium) -> tuple[Array, Array]:
+    def slopes(self, at: Equilibrium, least: float) -> tuple[Array, Array]:
         """Return the derivatives (aims, cuffs) and (losses, cuffs) by the pressures, nan where they do not count: of
-        aims far above the least, and losses far below their limits."""
+        aims far above the least of all, and losses far below their limits."""
         assert self._without_loads is not None
-        aims, losses = at.aims < FAR * at.value, at.losses > HALF * self.most
+        aims, losses = at.aims < FAR * least, at.losses > HALF * self.most
         losses[0] = True
         names = [name for name, counts in zip((*self.aims, *self.sizes), (*aims, *losses), strict=True) if counts]
         with ng.TaskManager():
@@ -240,15 +235,54 @@ class Pressed:
         return np.array(found)
 
 
+@dataclass(frozen=True)
+class Veins:
+    """Several veins under the same pressures: of one leg, or of an ensemble of which the worst counts."""
+
+    members: Sequence[Pressed]
+    equilibria: Sequence[Equilibrium]
+
+    @classmethod
+    def under(cls, pressures: Array, members: Sequence[Pressed]) -> Veins:
+        """Solve for all.
+
+        Raises:
+            CaseError, MaterialError, SolverError: one of them has no equilibrium.
+        """
+        return cls(members, [one.solve(pressures) for one in members])
+
+    @property
+    def aims(self) -> Array:
+        """Those of all."""
+        return np.concatenate([one.aims for one in self.equilibria])
+
+    @property
+    def losses(self) -> Array:
+        """Those of all."""
+        return np.concatenate([one.losses for one in self.equilibria])
+
+    @property
+    def value(self) -> float:
+        """The least of the aims."""
+        return float(self.aims.min())
+
+    def slopes(self) -> tuple[Array, Array]:
+        """Return those of aims and losses, as `Pressed.slopes` does."""
+        pairs = [one.slopes(at, self.value) for one, at in zip(self.members, self.equilibria, strict=True)]
+        return np.vstack([aims for aims, _ in pairs]), np.vstack([losses for _, losses in pairs])
+
+
 def improve(
-    case: Case, quantity: str, layout: Layout, limits: Limits, domain: Domain, say: Say = silent, most: int = 30
-) -> Designed:
+    case: Case, quantity: str, layout: Layout, limits: Limits, domain: Domain, say: Say = silent, most: int = 30,
+    others: Sequence[tuple[Case, Domain]] = (),
+) -> Designed:  # fmt: skip
     """Return the pressures of cuffs that make a quantity of the vein at rest largest.
 
     Args:
         quantity: one with a gradient, or NAME_least: the least of NAME_z00 to NAME_z10.
         layout: of the cuffs, which take the place of all pressures on the skin.
         most: steps.
+        others: further cases that are to bear the same pressures: the least of all is made largest.
 
     Raises:
         CaseError: the limits leave nothing, or the quantity has no gradient.
@@ -256,39 +290,43 @@ def improve(
     """
     if not limits.low <= limits.mean <= limits.high:
         raise CaseError(f"a mean pressure of {limits.mean:g} Pa is not between {limits.low:g} and {limits.high:g} Pa")
-    pressed, weights = Pressed(case, quantity, layout, domain, limits), layout.weights(domain)
+    members = [Pressed(one, quantity, layout, its, limits) for one, its in ((case, domain), *others)]
+    weights, allowed = layout.weights(domain), np.concatenate([one.most for one in members])
     here = np.full(layout.rings * layout.sectors, limits.mean)
-    at = pressed.solve(here)
-    if np.any(over := at.losses > pressed.most):
+    at = Veins.under(here, members)
+    if np.any(over := at.losses > allowed):
         number = int(np.argmax(over))
-        raise CaseError(f"under {limits.mean:g} Pa everywhere {at.losses[number]:.3g} of {pressed.sizes[number]} is "
-                        f"lost, the limit is {pressed.most[number]:g}")  # fmt: skip
+        name = members[0].sizes[number % len(members[0].sizes)]
+        raise CaseError(f"under {limits.mean:g} Pa everywhere {at.losses[number]:.3g} of {name} is lost, the limit is "
+                        f"{allowed[number]:g}")  # fmt: skip
     history, region = [at.value], min(limits.mean - limits.low, limits.high - limits.mean) or limits.high - limits.low
     smallest = SMALLEST * region
     say(f"{limits.mean:g} Pa everywhere: {quantity} {at.value:.5g}, loss {at.losses[0]:.3f}")
     while len(history) <= most and region > smallest:
-        slopes, taken = pressed.slopes(at), False
+        slopes, taken = at.slopes(), False
         while region > smallest and not taken:
-            step = _step(here, at.aims, at.losses, slopes, pressed.most, weights, layout.neighbours(), limits, region)
+            step = _step(here, at.aims, at.losses, slopes, allowed, weights, layout.neighbours(), limits, region)
             promised = float(np.nanmin(at.aims + slopes[0] @ step)) - at.value
             if promised < ENOUGH * abs(at.value):
                 region = 0.0
                 break
             try:
-                new = pressed.solve(here + step)
+                new = Veins.under(here + step, members)
             except (CaseError, MaterialError, SolverError):
                 region *= SHORTER
                 continue
             gain = new.value - at.value
-            taken = gain > KEPT * promised and bool(np.all(new.losses <= pressed.most + EXCESS))
+            taken = gain > KEPT * promised and bool(np.all(new.losses <= allowed + EXCESS))
             region *= SHORTER if not taken else LONGER if gain > GOOD * promised else 1.0
             if taken:
                 at, here = new, here + step
                 history.append(at.value)
-                say(f"step {len(history) - 1}: {quantity} {at.value:.5g}, loss {at.losses[0]:.3f}, {pressed.runs} runs")
-    return Designed(pressed.case(here), layout, here, at.value, float(at.losses[0]),
-                    float(np.max(at.losses[1:], initial=-np.inf)) if len(at.losses) > 1 else np.nan,
-                    history, pressed.runs, pressed.sweeps)  # fmt: skip
+                runs = sum(one.runs for one in members)
+                say(f"step {len(history) - 1}: {quantity} {at.value:.5g}, loss {at.losses[0]:.3f}, {runs} runs")
+    by_section = np.concatenate([one.losses[1:] for one in at.equilibria])
+    return Designed(members[0].case(here), layout, here, at.value, max(float(one.losses[0]) for one in at.equilibria),
+                    float(by_section.max()) if len(by_section) else np.nan, history,
+                    sum(one.runs for one in members), sum(one.sweeps for one in members))  # fmt: skip
 
 
 def _step(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +49,13 @@ def grid(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def design(case: Case, of: str, cuffs: str, limits: Limits, folder: Path, say: Say) -> Designed:
+def design(
+    case: Case, of: str, cuffs: str, limits: Limits, folder: Path, say: Say, others: Sequence[Case] = ()
+) -> Designed:
     """Find pressures on the skin, and write them to a folder.
+
+    Args:
+        others: cases that are to bear the same pressures.
 
     Raises:
         CaseError: the limits leave nothing, or the quantity has no gradient.
@@ -59,7 +65,8 @@ def design(case: Case, of: str, cuffs: str, limits: Limits, folder: Path, say: S
     from ngfsi.report.figures import pressures_on_skin
 
     shape, domain = grid(cuffs), Domain.build(case.geometry)
-    found = improve(case, of, Layout.on(domain, *shape), limits, domain, say)
+    found = improve(case, of, Layout.on(domain, *shape), limits, domain, say,
+                    others=[(one, Domain.build(one.geometry)) for one in others])  # fmt: skip
     with explained(folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
     write_rows(folder / PRESSURES, [

@@ -80,7 +80,7 @@ def test_slopes_are_those_of_differences() -> None:
     start = np.array([100.0, 300.0, 500.0, 200.0])
     at = pressed.solve(start)
     at = replace(at, losses=np.ones_like(at.losses))  # all count
-    aims, losses = pressed.slopes(at)
+    aims, losses = pressed.slopes(at, float(at.aims.min()))
     assert not np.isnan(aims).any()
     for place in (1, 2):
         ends = [pressed.solve(start + sign * (np.arange(4) == place)) for sign in (1, -1)]
@@ -115,18 +115,34 @@ def test_a_vein_is_pressed_where_it_counts(monkeypatch: pytest.MonkeyPatch) -> N
     assert len(found.case.loads.cuffs) == 4
 
 
+def test_the_worst_of_two_is_raised() -> None:
+    """A vein with half of the flow has half of the shear: its own counts, and what suits it alone is found."""
+    domain, limits = domain_of(BONED), Limits(mean=400.0, high=800.0)
+    slow = VEIN.replace(**{"loads.inlet_flow.value": 1.4565e-6})
+    alone, both = (
+        improve(slow, "sawss", LAYOUT, limits, domain, most=1, others=others) for others in ((), [(VEIN, domain)])
+    )
+    assert both.history == pytest.approx(alone.history, rel=1e-6)
+    assert both.pressures == pytest.approx(alone.pressures, rel=1e-6)
+    assert both.runs == 2 * alone.runs
+
+
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(design, "ENOUGH", 1.0)  # nothing promises so much: the first pressures stay
     (tmp_path / "case.toml").write_text(VEIN.to_toml())
     with pytest.raises(SystemExit) as ended:
         main(["design", str(tmp_path / "case.toml"), "--mean", "3mmHg", "--high", "6mmHg", "--cuffs", "1x3", "--quiet",
+              "--also", "materials.tissue.poisson=0.35", "--section-loss", "0.5",
               "-o", str(tmp_path / "out")])  # fmt: skip
     assert not ended.value.code
     rows = read_rows(tmp_path / "out" / "pressures.csv")
     assert [row["pressure_Pa"] for row in rows] == pytest.approx([3 * MMHG] * 3)
     assert Case.from_toml(tmp_path / "out" / "case.toml").time.scheme == "static"
     assert (tmp_path / "out" / "pressures.png").stat().st_size > 1000
-    assert "0 % more than under the mean everywhere" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "0 % more than under the mean everywhere" in shown
+    assert "2 runs" in shown
+    assert "of a section at most is lost" in shown
 
 
 def test_what_is_refused() -> None:
