@@ -347,7 +347,9 @@ def _change(one: AtRest, plain: AtRest, errors: Errors) -> str:
     """Return by how many per cent of itself fibres change the loss, with the error of that, if it is known."""
     change = one.loss_1 / plain.loss_1 - 1
     error = errors.get(f"{one.tissue}-{one.vein}-{one.kind}".lower(), {}).get("change")
-    return f"{100 * change:+.1f}" + (f" ± {100 * error:.1f}" if error is not None else "")
+    if not error:
+        return f"{100 * change:+.1f}"
+    return ("+" if change > 0 else "") + closing_vein.with_error(100 * change, 100 * error)
 
 
 def _verdict(rest: Sequence[AtRest]) -> list[str]:
