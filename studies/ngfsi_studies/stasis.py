@@ -183,9 +183,9 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
         "that of others is not known.\n",
         "## Behind the leaflets of a valve\n", *_draw_pockets({key: done[key] for key in pockets}, folder),
         pocket_table(pockets),
-        "Rigid, steady flow; leaflets open by 55 % of the diameter; no error is estimated. What is marked lies behind the outer half of one "
-        "leaflet. Karino and Motomiya (1984) saw a vortex behind the edge of each leaflet and a second one deeper in "
-        "the pocket, so slow that cells gather there; the test of the geometry finds both "
+        "Rigid, steady flow; leaflets open by 55 % of the diameter; no error is estimated. What is marked lies behind "
+        "the outer half of one leaflet. Karino and Motomiya (1984) saw a vortex behind the edge of each leaflet and a "
+        "second one deeper in the pocket, so slow that cells gather there; the test of the geometry finds both "
         "(tests/geometry/test_valve.py).\n",
         *failed(outcomes),
         f"## To repeat it\n\n    ngfsi study stasis --level {level}\n",
