@@ -48,6 +48,20 @@ def test_flow_through_the_valve() -> None:
     assert high > valve.radius * (1 + valve.bulge)
 
 
+def test_errors_are_those_of_the_run_at_rest() -> None:
+    """Differences to both companions, in proportion; where all are alike, or nothing was washed out, none is known."""
+    rest = {"age_s": 2.0, "low_shear_1": 1.0, "washout_s": float("nan")}
+    others = [
+        {"age_s": 2.1, "low_shear_1": 1.0, "washout_s": 3.0},
+        {"age_s": 1.9, "low_shear_1": 1.0, "washout_s": 3.0},
+    ]
+    errors = stasis.errors_of(rest, others)
+    assert errors == pytest.approx({"age_s": 0.1}, rel=1e-12)
+    row = dict.fromkeys(stasis.SHOWN, 0.5) | {"age_s": 3.0, "washout_s": float("nan")}
+    shown = stasis.table({"stocking_constant": row}, errors)
+    assert "| stocking, 18 mmHg | constant viscosity | 3.0 ± 0.3 | 0.5 | 50 |  | 50 | 0.5 | 0.5 |" in shown
+
+
 def test_what_is_read() -> None:
     """12 s of 3 s in steps, of which the last cycle is all: the low area is 0.2 for half of it."""
     times = np.array([0.0, 6.0, 6.0, 12.0])
@@ -70,7 +84,7 @@ def test_what_is_read() -> None:
     said = stasis.answer({"rest_constant": found, "pump_constant": {**found, "age_s": 1.5}}, {"valve_5": pockets})
     assert "pump, 40 mmHg for 2 s: mean age 1.5 s against 2.5 s at rest" in said
     assert "Reynolds number 5: after 4 s" in said
-    rows = stasis.table({"pump_constant": found}).splitlines()
+    rows = stasis.table({"pump_constant": found}, {}).splitlines()
     assert [cell.strip() for cell in rows[2].strip("|").split("|")] == [
         "pump, 40 mmHg for 2 s", "constant viscosity", "2.5", "4", "25", "9", "30", "0.2", "0.2"
     ]  # fmt: skip

@@ -53,6 +53,8 @@ LOSS = tan(0.253 * pi / 2)
 PERIOD = 0.13
 """Of the swing (s), for which viscosities are chosen."""
 WITHOUT = "isotropic"
+JUDGED = {"round": (WITHOUT, "plain", "fibres", "mean"), "oval": (WITHOUT,)}
+"""By vein, kinds of M tissue whose errors are estimated at rest by companions."""
 
 
 def reinforced(tissue: SolidLaw, stiffer: float, shear: float = 1.0) -> HumphreyYin:
@@ -128,7 +130,7 @@ class Level(NamedTuple):
 
 
 LEVELS = {
-    "demo": Level(compare_tissues.COARSE, 0.0125, ("M",), ("fat",), ("time",)),
+    "demo": Level(compare_tissues.COARSE, 0.0125, ("M", "N"), ("fat",), ("time",)),
     "paper": Level(compare_tissues.LEVELS["demo"], 0.005, ("M", "N")),
 }
 SHAPES = {"linear": PressureRamp, "smooth": PressureSmoothRamp}
@@ -156,8 +158,7 @@ def at_rest(level: Level) -> dict[str, Case]:
                 "loads.skin_pressure": PressureRamp(final=FULL, duration=DURATION), "time.scheme": "static",
                 "time.step": DURATION / STEPS, "time.smallest_step": DURATION / STEPS / 64, "time.end": DURATION,
             }).replace(**changes)  # fmt: skip
-    for vein in VEINS:
-        key = f"m-{vein}-{WITHOUT}"
+    for key in (f"m-{vein}-{kind}" for vein, judged in JUDGED.items() for kind in judged):
         found |= {f"{key}-{error}": case for error, case in companions(found[key]).items()}
     return found
 
@@ -234,19 +235,31 @@ def ratio(run: StoredRun) -> float:
 
 
 Errors = Mapping[str, Mapping[str, float]]
-"""By key of the run whose companions tell them, and quantity: sums of the relative differences to the companions."""
+"""By key of the run whose companions tell them, and quantity: sums of the relative differences to the companions; of
+the "change" of the loss against that of the same law without fibres its difference among the companions in space."""
 
 
 def errors_of(done: Mapping[str, StoredRun]) -> Errors:
     """Return the estimated errors."""
     found = {}
-    for key in (*(f"m-{vein}-{WITHOUT}" for vein in VEINS), "m-linear-elastic"):
+    for key in (one for one in done if one.count("-") == 2):
         others = [done[name] for name in (f"{key}-space", f"{key}-time") if name in done]
-        if key in done and others:
-            quantities = {"loss": loss, "ratio": ratio} | ({"swing": swing} if "linear" in key else {})
-            found[key] = {name: sum(abs(number(other) / number(done[key]) - 1) for other in others)
-                          for name, number in quantities.items()}  # fmt: skip
+        if not others:
+            continue
+        quantities = {"loss": loss, "ratio": ratio} | ({"swing": swing} if "linear" in key else {})
+        found[key] = {name: sum(abs(number(other) / number(done[key]) - 1) for other in others)
+                      for name, number in quantities.items()}  # fmt: skip
+        plain = f"{key.rpartition('-')[0]}-plain"
+        if {f"{key}-space", plain, f"{plain}-space"} <= done.keys():
+            mine, other = (loss(done[key + of]) / loss(done[plain + of]) for of in ("", "-space"))
+            found[key]["change"] = abs(other - mine)
     return found
+
+
+def error_at_rest(errors: Errors, one: AtRest) -> Mapping[str, float]:
+    """Return the errors of a tissue at rest: its own, or those of the nearest that has some."""
+    keys = (f"{one.tissue.lower()}-{one.vein}-{one.kind}", f"m-{one.vein}-{WITHOUT}")
+    return next((errors[key] for key in keys if key in errors), {})
 
 
 def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> Path:
@@ -275,8 +288,10 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         f"{0.6 / (0.6 - LOSS):.1f} times as stiff there. The swing is half the distance of the extremes from a cubic, "
         "in the last 0.4 s, over SAWSS at t = 0.\n",
         "±: the sum of the differences to runs of one order more or less and of twice the step (`ngfsi run --error`), "
-        f"{'' if 'space' in chosen.errors else 'in time to the latter alone, '}of M tissue as the source has it; those "
-        "of others are taken to be the same in proportion. Twice the step damps the swing as a viscosity does: its "
+        f"{'' if 'space' in chosen.errors else 'in time to the latter alone, '}of M tissue: around the round vein "
+        "as the source has it and with the polynomial law, around the oval one and in time as the source has it. "
+        "Those of others are taken to be the same in proportion. That of a change is its difference to the change "
+        "among companions. Twice the step damps the swing as a viscosity does: its "
         "size is unsure, what a viscosity makes of it is seen on equal steps.\n",
         *failed(outcomes), f"## To repeat it\n\n    ngfsi study living_tissue --level {level}\n",
     ]  # fmt: skip
@@ -304,14 +319,13 @@ def answer(rest: Sequence[AtRest], time: Sequence[InTime], errors: Errors) -> st
         present = {kind: one for kind, one in found.items() if one}
         if not {WITHOUT, "plain", "fibres", "mean"} <= present.keys():
             continue
-        error = errors.get(f"m-{vein}-{WITHOUT}", {}).get("loss")
-        losses = {kind: with_error(one.loss_1, error, 100) for kind, one in present.items()}
-        changed = {kind: present[kind].loss_1 / present["plain"].loss_1 - 1 for kind in ("fibres", "mean")}
+        losses = {kind: with_error(one.loss_1, error_at_rest(errors, one).get("loss"), 100)
+                  for kind, one in present.items()}  # fmt: skip
+        changed = {kind: _change(present[kind], present["plain"], errors) for kind in ("fibres", "mean")}
         said.append(
             f"- **{tissue}, {vein} vein**: it loses {losses[WITHOUT]} % of its volume, {losses['plain']} % with the "
-            f"polynomial law of the same moduli. Fibres added to that change the loss by "
-            f"{100 * changed['fibres']:+.1f} % of itself, fibres at the same mean shear modulus by "
-            f"{100 * changed['mean']:+.1f} %"
+            f"polynomial law of the same moduli. Fibres added to that change the loss by {changed['fibres']} % of "
+            f"itself, fibres at the same mean shear modulus by {changed['mean']} %"
             + (f"; with fat it loses {losses['fat']} %" if "fat" in losses else "")
             + (f"; with fat, skin and fasciae {losses['sheets']} %" if "sheets" in losses else "") + "."
         )  # fmt: skip
@@ -327,6 +341,15 @@ def answer(rest: Sequence[AtRest], time: Sequence[InTime], errors: Errors) -> st
                 f"{dashpot.sawss_ratio_1:.2f} and {series.sawss_ratio_1:.2f} times that at t = 0."
             )
     return "\n".join(said or ["The runs that answer the question failed."]) + "\n"
+
+
+def _change(one: AtRest, plain: AtRest, errors: Errors) -> str:
+    """Return by how many per cent of itself fibres change the loss, with the error of that, if it is known."""
+    change = one.loss_1 / plain.loss_1 - 1
+    error = errors.get(f"{one.tissue}-{one.vein}-{one.kind}".lower(), {}).get("change")
+    if not error:
+        return f"{100 * change:+.1f}"
+    return ("+" if change > 0 else "") + closing_vein.with_error(100 * change, 100 * error)
 
 
 def _verdict(rest: Sequence[AtRest]) -> list[str]:
@@ -353,7 +376,7 @@ def table_at_rest(rest: Sequence[AtRest], errors: Errors) -> str:
     """Return all runs at rest."""
     cells = []
     for one in rest:
-        error = errors.get(f"m-{one.vein}-{WITHOUT}", {})
+        error = error_at_rest(errors, one)
         cells.append((f"{one.tissue}, {one.vein}", kinds(one.tissue)[one.kind][0],
                       with_error(one.loss_1, error.get("loss"), 100),
                       with_error(one.sawss_ratio_1, error.get("ratio"))))  # fmt: skip

@@ -8,8 +8,8 @@ that is held open, in whose pockets the blood stands.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import pi
+from collections.abc import Callable, Mapping, Sequence
+from math import inf, isnan, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from ngfsi.config.functions import FlowConstant, FlowHarmonics, PressureConstant
 from ngfsi.materials import load_set
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
+from ngfsi.run.estimate import companions
 from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
@@ -43,6 +44,8 @@ PUMP = 40 * MMHG
 INFLATED = (0.0, 2.0, 4.0, 8.0)
 """When a cycle of intermittent compression begins to press, is at its full pressure, lets go and is empty (s)."""
 CYCLE = 2 * PERIOD
+REST = "rest_constant"
+"""The run whose companions tell the errors."""
 SCALARS = (Age(), Washout(washed_out=0.9), Exposure())
 REYNOLDS = (5.0, 100.0)
 """Of the flow through the valve: a vein of a leg that rests, and one that is pumped."""
@@ -155,28 +158,34 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     chosen = LEVELS[level]
     wanted = [(key, "constant") for key in CONDITIONS] + [(key, "thinning") for key in chosen.thinning]
     cases = {f"{key}_{blood}": case(key, blood, chosen) for key, blood in wanted}
+    judged = {f"{REST}-{error}": one for error, one in companions(cases[REST]).items()}
     valves = {f"valve_{reynolds:g}": valve_case(reynolds, chosen) for reynolds in REYNOLDS}
-    outcomes = run_cases(cases | valves, folder, quiet=quiet)
+    outcomes = run_cases(cases | judged | valves, folder, quiet=quiet)
     done = {key: one.run for key, one in outcomes.items() if one.run is not None and not one.failure}
     veins = {key: run for key, run in done.items() if key in cases}
     results = {key: {name: of(run) for name, of in COLUMNS.items()} for key, run in veins.items()}
+    errors = errors_of(results.get(REST, {}), [{name: of(done[key]) for name, of in COLUMNS.items()}
+                                               for key in judged if key in done])  # fmt: skip
     write_rows(folder / "results.csv", [{"run": key, **row} for key, row in results.items()])
     pockets = {key: in_pockets(done[key]) for key in valves if key in done}
     write_rows(folder / "pockets.csv", [{"run": key, **row} for key, row in pockets.items()])
     parts = [
         f"# Where the blood stands still, level `{level}`\n", answer(results, pockets), *_draw(veins, folder),
-        "## The vein\n", table(results),
+        "## The vein\n", table(results, errors),
         "The vein of study `closing_vein`, 3.2 : 1 in M tissue, blood at 10 mmHg, 2.913 ml/s at rest from a pressure "
         "behind resistance, compliance and valve, as in `pneumatic`. Age counts from the start of the run where the "
         f"blood has not entered since, so that it is at most {chosen.end:g} s. Breathing: a given flow of the same "
         f"mean and {REVERSING:g} times that as amplitude, period {PERIOD:g} s; what it takes back through the inlet "
         "comes in again, so much older. The mean age is one over the last 6 s, low shear and SAWSS are over the last "
         "12 s.\n",
+        "±: the sum of the differences of the run at rest to runs of one order more or less and of twice the step "
+        "(`ngfsi run --error`), in proportion for the others, too. A part of the wall of 100 % tells no error, and "
+        "that of others is not known.\n",
         "## Behind the leaflets of a valve\n", *_draw_pockets({key: done[key] for key in pockets}, folder),
         pocket_table(pockets),
-        "Rigid, steady flow; leaflets open by 55 % of the diameter. What is marked lies behind the outer half of one "
-        "leaflet. Karino and Motomiya (1984) saw a vortex behind the edge of each leaflet and a second one deeper in "
-        "the pocket, so slow that cells gather there; the test of the geometry finds both "
+        "Rigid, steady flow; leaflets open by 55 % of the diameter; no error is estimated. What is marked lies behind "
+        "the outer half of one leaflet. Karino and Motomiya (1984) saw a vortex behind the edge of each leaflet and a "
+        "second one deeper in the pocket, so slow that cells gather there; the test of the geometry finds both "
         "(tests/geometry/test_valve.py).\n",
         *failed(outcomes),
         f"## To repeat it\n\n    ngfsi study stasis --level {level}\n",
@@ -218,12 +227,25 @@ def answer(results: dict[str, dict[str, float]], pockets: dict[str, dict[str, fl
     return "\n".join(said or ["All runs failed."]) + "\n"
 
 
-def table(results: dict[str, dict[str, float]]) -> str:
-    """Return all runs of the vein."""
+def errors_of(rest: Mapping[str, float], others: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Return the relative errors of what is read of the run at rest: sums of the differences to its companions."""
+    found = {name: sum(abs(other[name] / value - 1) for other in others) for name, value in rest.items()}
+    return {name: error for name, error in found.items() if 0 < error < inf}
+
+
+def table(results: dict[str, dict[str, float]], errors: Mapping[str, float]) -> str:
+    """Return all runs of the vein, with relative errors by what is shown."""
     shown = {name: Shown(*of) for name, of in SHOWN.items()}
-    cells = [(*_titles(key), *(f"{of(row[name]):.3g}".replace("nan", "") for name, of in shown.items()))
+    cells = [(*_titles(key), *(_cell(of(row[name]), errors.get(name, 0.0)) for name, of in shown.items()))
              for key, row in results.items()]  # fmt: skip
     return markdown_table(("condition", "blood", *(of.label for of in shown.values())), cells)
+
+
+def _cell(value: float, error: float) -> str:
+    """Return a number with its error, if that is known; nothing for what there is not."""
+    if isnan(value):
+        return ""
+    return closing_vein.with_error(value, value * error) if error else f"{value:.3g}"
 
 
 def _titles(key: str) -> tuple[str, str]:
