@@ -68,7 +68,7 @@ CASES: dict[str, Case] = {
     "vein-layers": _vein(mesh(2.5, 3)).replace(**{"discretisation.order": 3}),
     "vein-tetrahedra": _vein(_straight_tetrahedra(13e-3, 4.4e-3, 10, (0.6,))),
     "rising-20k": _rising(_straight_tetrahedra(15e-3, 5.0e-3, 9, (0.6,))),
-    "rising-40k": _rising(_straight_tetrahedra(11e-3, 3.7e-3, 12, (0.6,))),
+    "rising-30k": _rising(_straight_tetrahedra(11e-3, 3.7e-3, 12, (0.6,))),
     "turek-hron-fsi2": rising_case("FSI2", refined(BEAM_IN_CHANNEL, order=3, h=1.0), step=0.01, end=4.0),
     **{f"calf-{level}": case(MAIN[0], LEVELS[level]) for level in LEVELS},
     "calf-million": _million(),
