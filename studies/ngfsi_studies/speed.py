@@ -77,7 +77,8 @@ CASES: dict[str, Case] = {
 """tiny: for the guard of counts; vein: 20 steps of backward Euler, vein-tetrahedra the same on 3,700 straight
 tetrahedra, as other codes have solved it, vein-layers on two layers of order 3; rising: on tetrahedra of two sizes,
 with a flow that rises; turek-hron-fsi2: a beam in the plane, its first seconds; calf: the main study's, Mooney-Rivlin
-tissue; calf-million: an hour and a half and 14 GB; oval: the vein of closing_vein's level demo, half closed in 20 steps."""
+tissue; calf-million: an hour and a half and 14 GB; oval: the vein of closing_vein's level demo, half closed in 20
+steps."""
 
 SHORT = ("vein", "calf-demo")
 """Cases of seconds or a minute, which are run unless others are named."""
