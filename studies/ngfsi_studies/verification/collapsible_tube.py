@@ -25,6 +25,8 @@ from ngfsi.system.system import System
 from ngfsi.verify import Benchmark, Reference, Setting, Values
 from ngfsi_studies.verification.ring_buckling import QuarterRing
 
+BRACKET = (2.8, 3.2)
+"""Pressures over the scale between which a ring of this wall buckles."""
 Ends = Literal["roller", "clamped"]
 RADIUS, THICKNESS, LENGTH = 5e-3, 1.5e-3, 30e-3
 """Of the lumen, of the wall, of the tube (m)."""
@@ -88,9 +90,12 @@ def buckling(setting: Setting, ends: Ends) -> float:
 
 
 def compute(setting: Setting) -> Values:
-    """Return pressures of buckling, over the scale, and areas and drops of pressure of the flow, over those of the oval
-    tube without pressure outside."""
-    values = {"buckling, long": buckling(setting, "roller"), "buckling, held": buckling(setting, "clamped")}
+    """Return pressures of buckling, of the long tube over that of a ring, of the held one over the scale, and areas and
+    drops of pressure of the flow, over that of the round lumen and that of developed flow."""
+    values = {
+        "buckling, long": buckling(setting, "roller") / long_tube(),
+        "buckling, held": buckling(setting, "clamped"),
+    }
     steps = tuple(map(float, range(len(PRESSURES) + 1)))
     outside = PressureTable(times=steps, values=(0.0, *(one * SCALE for one in PRESSURES)))
     system = system_of(setting, "clamped", OVAL, FLOW, **{"loads.skin_pressure": outside})
@@ -114,7 +119,7 @@ def compute(setting: Setting) -> Values:
 def long_tube() -> float:
     """Return the pressure, over the scale, at which a ring of this wall buckles: by quadrilaterals in the plane."""
     ring = QuarterRing(SLENDERNESS, order=5, around=6, law=WALL)
-    return float(brentq(ring.stiffness, 2.0, 4.0, xtol=1e-5))
+    return float(brentq(ring.stiffness, *BRACKET, xtol=1e-5))
 
 
 CASE = Benchmark(
@@ -124,7 +129,8 @@ CASE = Benchmark(
     "outlet, under growing pressure outside; pressures over E/(1 - nu^2) (h/R)^3 / 12 with the radius of the wall's "
     "middle surface. The lumen is oval (1.1 : 1), so that the tube collapses in mode 2 without a bifurcation: areas at "
     "mid-length over that of the round lumen, drops of pressure over that of developed flow. The round tube, with "
-    "blood at rest, buckles where the chord of two tangents says, held and without ends (long)",
+    "blood at rest, buckles where the chord of two tangents says, held, and without ends (long) over the pressure of "
+    "a ring",
     exact="for the long tube a ring in the plane, of quadrilaterals of order 5; developed flow in an ellipse without "
     "pressure outside. No published numbers of such tubes could be read: the rest is a table of our own, on which "
     "order 3 on 252 and order 4 on 60 elements agree to the errors allowed",
@@ -152,7 +158,7 @@ CONVERGED = {
 }
 """Value, error allowed, and that on the coarse mesh, which is not asked for all."""
 REFERENCES = (
-    Reference("buckling, long", long_tube(), "1", {"k = 3, coarse": 1.2e-2, "k = 3": 2e-3, "k = 4": 2e-3},
+    Reference("buckling, long", 1.0, "1", {"k = 3, coarse": 1.2e-2, "k = 3": 2e-3, "k = 4": 2e-3},
               "ring in the plane, `ring_buckling`"),
     Reference("drop of pressure at 0", 1.0, "1", 1e-3, "developed flow in an ellipse"),
     *(
