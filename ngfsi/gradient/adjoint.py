@@ -528,6 +528,8 @@ class Adjoint:
         scale, count = self._scales(), 0
         found, derivative, left = np.zeros_like(right), np.zeros_like(right), right * scale
         wanted = EXACT * float(np.linalg.norm(left))
+        if not np.isfinite(wanted):
+            raise SolverError("a measured quantity has a derivative that is not finite")
         if self._is_old():
             self._renew()
         ways: list[tuple[Array, Array, Array]] = []

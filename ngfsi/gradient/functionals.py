@@ -108,7 +108,8 @@ def _shear_at(station: int) -> Callable[[Place], dict[str, Integral]]:
         heights = along.vec.FV().NumPy()
         heights[wall] = line.coordinate(domain.vertices[wall])
         middle, apart = station * line.length / (STATIONS - 1), line.length / (STATIONS - 1)
-        weight, longest = 1 - ng.Norm(along - middle) / apart, 0.0
+        away, longest = (along - middle) / apart, 0.0
+        weight = 1 - ng.IfPos(away, away, -away)  # a norm has no derivative at the station itself, not even of 0
         on_wall, near = set(wall.tolist()), ng.BitArray(domain.mesh.ne)
         near.Clear()
         for element in domain.materials(str(vessel.lumen)).Elements():
