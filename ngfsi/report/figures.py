@@ -11,12 +11,16 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ngfsi.arrays import Array
 from ngfsi.units import Shown
+
+TRUE_TYPE = 42
+"""Fonts of a PDF that journals accept, and that drawing programs can edit."""
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 """Palette of Okabe and Ito, which colour-blind readers tell apart."""
@@ -197,9 +201,19 @@ def new_panels(
     return figure, panels, columns
 
 
+class PrintedFigure(Figure):
+    """A figure that is saved for the screen as it is named, and beside that as PDF for a paper, with its fonts."""
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        """Save the figure and its PDF."""
+        super().savefig(fname, **options)
+        with rc_context({"pdf.fonttype": TRUE_TYPE}):
+            super().savefig(Path(fname).with_suffix(".pdf"), **options)
+
+
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
     """Return a figure of a size in inches and its axes, without touching pyplot's global state."""
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=150)
+    figure = PrintedFigure(figsize=(width, height), layout="constrained", dpi=150)
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns)
     for panel in np.ravel(axes):

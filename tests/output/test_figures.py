@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -156,3 +157,17 @@ def test_skin_pressures(tmp_path: Path, drawn: list[Figure]) -> None:
     assert above.dataLim.extents == pytest.approx([-180, 0, 180, 120])
     assert scale.get_ylabel() == "mean pressure [mmHg]"
     assert scale.get_ylim()[1] == pytest.approx(20)
+
+
+def test_a_figure_for_paper(tmp_path: Path) -> None:
+    """Beside each PNG lies a PDF of the same size in points, whose text is in TrueType fonts."""
+    path = tmp_path / "a.png"
+    figure, axes = figures.new_figure(3.4, 2.0)
+    axes.set_xlabel("time [s]")
+    figure.savefig(path)
+    printed = path.with_suffix(".pdf").read_bytes()
+    box = re.search(rb"MediaBox \[ ?0 0 ([\d.]+) ([\d.]+) ?\]", printed)
+    assert box
+    assert [float(box[1]) / 72, float(box[2]) / 72] == pytest.approx([3.4, 2.0], rel=1e-3, abs=0)
+    assert b"/CIDFontType2" in printed
+    assert b"/Type3" not in printed
