@@ -58,6 +58,33 @@ def test_an_old_case_means_the_same_in_the_present_format(old: Path, capsys: pyt
     assert case.format == FORMAT
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    ["geometry = 3", "materials = [1]\n[geometry]\ntype = 3", '[geometry]\ntype = "calf"\n[materials]\nwall = 3',
+     *(f'[geometry]\ntype = "calf"\n{keys}' for keys in (
+         'oval_mm = "a"\nlumen_diameter_mm = 9', "oval_mm = 9\nlumen_diameter_mm = 9", "oval = 1",
+         "oval_mm = 1\nlumen_diameter_furlong = 9"))],
+)  # fmt: skip
+def test_what_is_wrong_beside_the_format_is_left_to_be_refused(wrong: str, tmp_path: Path) -> None:
+    """In a sentence, by the case: neither reading nor migrating stumbles over it."""
+    path = tmp_path / "leg.toml"
+    path.write_text(f'name = "leg"\n{wrong}\n', encoding="utf-8")
+    with pytest.raises(CaseError):
+        Case.from_toml(path)
+    path.write_text(migrated(path.read_text(encoding="utf-8"))[0], encoding="utf-8")
+    with pytest.raises(CaseError):
+        Case.from_toml(path)
+
+
+def test_a_mistake_alone_makes_no_case_old(old: Path) -> None:
+    """The set `vein_wall` is one of both formats: migrating would change what it means."""
+    text = OLD.replace("geometry.calf:CalfSegment", "calf").replace("oval_mm = 0.5", "wrong = 1")
+    old.write_text(text, encoding="utf-8")
+    with pytest.raises(CaseError, match="wrong") as refused:
+        Case.from_toml(old)
+    assert "migrate" not in str(refused.value)
+
+
 def test_what_has_no_successor_is_said() -> None:
     text, said = migrated('[geometry]\ntype = "labelled_calf"\npieces = 3\n')
     assert "pieces" not in text
@@ -77,8 +104,8 @@ def test_a_case_in_the_present_format_stays() -> None:
         ('"0.9"', "`ngfsi migrate FILE` writes the case anew"),
         ('"1.999"', "install a newer one"),
         ('"2.0"', "install a newer one"),
-        ("1.0", "text in quotes is wanted"),
-        ('"one"', "not accepted"),
+        ("1.0", "write two numbers in quotes"),
+        ('"one"', "write two numbers in quotes"),
     ],
 )
 def test_other_formats_are_refused(old: Path, written: str, reason: str) -> None:
@@ -89,7 +116,7 @@ def test_other_formats_are_refused(old: Path, written: str, reason: str) -> None
     assert reason in str(refused.value)
 
 
-@pytest.mark.parametrize("written", ['"2.0"', '"one"', "[1, 0]"])
+@pytest.mark.parametrize("written", ['"2.0"', '"one"', "[1, 0]", "1.0", '"' + 5000 * "9" + '.0"'])
 def test_what_cannot_be_migrated_is_refused(written: str) -> None:
     with pytest.raises(CaseError, match="format"):
         migrated(f"format = {written}\n{OLD}")

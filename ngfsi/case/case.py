@@ -25,7 +25,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError, core_schema
 
 from ngfsi import registry
-from ngfsi.case.formats import FORMAT, PATTERN, migrated, reason_not_read
+from ngfsi.case.formats import FORMAT, PATTERN, is_older, reason_not_read
 from ngfsi.case.formats import KEY as FORMAT_KEY
 from ngfsi.case.geometries import GROUP, find_geometry, is_geometry, name_of
 from ngfsi.conditions import ConditionModel, ContactModel, Cuff, FlowOpening, OpeningModel, PressureOpening
@@ -277,6 +277,25 @@ class Output(ConfigModel):
     """Wall shear stress below which an area of the wall counts as of low shear."""
 
 
+def read_case(path: str | Path) -> tuple[str, dict[str, Any]]:
+    """Return the text of a case file, and what it says as TOML.
+
+    Raises:
+        CaseError: the file cannot be read, or is not TOML.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        return text, tomllib.loads(text)
+    except OSError as error:
+        raise CaseError(f"the case file '{path}' cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise CaseError(f"the case file '{path}' is not text in UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise CaseError(f"the case file '{path}' is not valid TOML: {error}") from None
+    except (ValueError, RecursionError):  # of Python itself, which TOML's parser passes on
+        raise CaseError(f"the case file '{path}' holds a number too long or tables too deeply nested") from None
+
+
 class Case(ConfigModel):
     """One run."""
 
@@ -301,10 +320,7 @@ class Case(ConfigModel):
     @classmethod
     def _is_of_a_format_that_is_read(cls, data: Any) -> Any:
         """Say so before keys are refused that another format has."""
-        written = data.get(FORMAT_KEY) if isinstance(data, dict) else None
-        if isinstance(written, str) and re.match(PATTERN, written) and (
-            reason := reason_not_read(written)
-        ):  # fmt: skip
+        if isinstance(data, dict) and FORMAT_KEY in data and (reason := reason_not_read(data[FORMAT_KEY])):
             raise key_error(FORMAT_KEY, reason)
         return data
 
@@ -381,22 +397,12 @@ class Case(ConfigModel):
         Raises:
             CaseError: the file cannot be read, is not TOML, or a key or value in it is refused.
         """
-        try:
-            text = Path(path).read_text(encoding="utf-8")
-            data = tomllib.loads(text)
-        except OSError as error:
-            raise CaseError(f"the case file '{path}' cannot be read: {error.strerror or error}") from None
-        except UnicodeDecodeError:
-            raise CaseError(f"the case file '{path}' is not text in UTF-8") from None
-        except tomllib.TOMLDecodeError as error:
-            raise CaseError(f"the case file '{path}' is not valid TOML: {error}") from None
-        except (ValueError, RecursionError):  # of Python itself, which TOML's parser passes on
-            raise CaseError(f"the case file '{path}' holds a number too long or tables too deeply nested") from None
+        _, data = read_case(path)
         _place_files(data, Path(path).absolute().parent)
         try:
             return cls.from_dict(data, source=str(path))
         except NgfsiError as error:
-            if FORMAT_KEY in data or not migrated(text)[1]:
+            if FORMAT_KEY in data or not is_older(data):
                 raise
             advice = f"the file is of an older format: `ngfsi migrate {path}` writes it anew"
             raise type(error)(f"{error}; {advice}") from None

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from math import sqrt
+from copy import deepcopy
+from math import nan, sqrt
 from typing import Any
 
 from ngfsi import registry
@@ -18,20 +19,29 @@ from ngfsi.units import UNITS, from_si, to_si
 
 FORMAT = "1.0"
 KEY = "format"
-PATTERN = r"^\d+\.\d+$"
+PATTERN = r"^\d{1,3}\.\d{1,3}$"
 BEFORE = "0.0"
 """Of files from before formats were numbered."""
+MIGRATE = "`ngfsi migrate FILE`"
 SOURCE_WALL = "vein_wall_source"
 
 
-def reason_not_read(written: str) -> str:
+def reason_not_read(written: Any) -> str:
     """Return why a file of a format is not read, or nothing if it is."""
+    if not isinstance(written, str) or not re.match(PATTERN, written):
+        return f'is {written!r}: write two numbers in quotes, as in {KEY} = "{FORMAT}"'
     found, known = _numbers(written), _numbers(FORMAT)
     if found > known:
         return f"is '{written}', and this ngfsi reads '{FORMAT}': install a newer one"
     if found[0] < known[0]:
-        return f"is '{written}', and this ngfsi reads '{FORMAT}': `ngfsi migrate FILE` writes the case anew"
+        return f"is '{written}', and this ngfsi reads '{FORMAT}': {MIGRATE} writes the case anew"
     return ""
+
+
+def is_older(case: dict[str, Any]) -> bool:
+    """Whether a case that does not name its format holds what no present one does."""
+    case = deepcopy(case)
+    return any([*step(case)] for step in (_geometries_by_name, _ratio_of_axes, _smoothing))
 
 
 def _numbers(written: str) -> tuple[int, ...]:
@@ -42,7 +52,7 @@ def migrated(text: str) -> tuple[str, list[str]]:
     """Return the text of a case file in the present format, with its comments, and what was changed, in sentences.
 
     Raises:
-        CaseError: the text is not TOML.
+        CaseError: the text is not TOML, or of a format that this ngfsi does not know.
     """
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
@@ -51,13 +61,11 @@ def migrated(text: str) -> tuple[str, list[str]]:
         case = tomlkit.parse(text)
     except TOMLKitError as error:
         raise CaseError(f"the case file is not valid TOML: {error}") from None
-    written = str(case.get(KEY, BEFORE))
-    if not re.match(PATTERN, written):
-        raise CaseError(f"'{KEY}' is '{written}': write two numbers, as in {KEY} = \"{FORMAT}\"")
-    if _numbers(written) > _numbers(FORMAT):
-        raise CaseError(f"'{KEY}' {reason_not_read(written)}")
+    written = case.unwrap().get(KEY, BEFORE)
     if written == FORMAT:
         return text, []
+    if (reason := reason_not_read(written)) and MIGRATE not in reason:
+        raise CaseError(f"'{KEY}' {reason}")
     said = [sentence for major, step in STEPS if _numbers(written)[0] < major for sentence in step(case)]
     if KEY in case:
         case[KEY] = FORMAT
@@ -65,8 +73,20 @@ def migrated(text: str) -> tuple[str, list[str]]:
     return f'{KEY} = "{FORMAT}"\n{tomlkit.dumps(case)}', said
 
 
+def _table(case: Any, key: str) -> Any:
+    """Return a table of a case, or an empty one where there is none: whatever else stands there, `Case` refuses."""
+    found = case.get(key)
+    return found if isinstance(found, dict) else {}
+
+
+def _length(value: Any, unit: str) -> float:
+    """Return a length (m), or NaN where it is none."""
+    known = isinstance(value, int | float) and unit in UNITS
+    return to_si(float(value), unit) if known else nan
+
+
 def _geometries_by_name(case: Any) -> Iterator[str]:
-    geometry = case.get("geometry", {})
+    geometry = _table(case, "geometry")
     path = str(geometry.get("type", ""))
     name = registry.named_like(GROUP, path) if ":" in path else None
     if name:
@@ -75,17 +95,17 @@ def _geometries_by_name(case: Any) -> Iterator[str]:
 
 
 def _ratio_of_axes(case: Any) -> Iterator[str]:
-    geometry = case.get("geometry", {})
+    geometry = _table(case, "geometry")
     key = next((key for key in geometry if key == "oval" or key.removeprefix("oval_") in UNITS), None)
     if key is None:
         return
-    more = to_si(float(geometry.pop(key)), key.removeprefix("oval_"))
-    size = next((key for key in geometry if key.startswith("lumen_diameter_")), None)
-    if size is None:
+    more = _length(geometry.pop(key), key.removeprefix("oval_"))
+    size = next((key for key in geometry if key.startswith("lumen_diameter_")), "")
+    unit = size.removeprefix("lumen_diameter_")
+    radius = _length(geometry.get(size), unit) / 2
+    if not 0 <= more < radius:
         yield f"geometry.{key} is gone, and the vein round: write lumen_axes_mm, the lumen's two axes"
         return
-    unit = size.removeprefix("lumen_diameter_")
-    radius = to_si(float(geometry[size]), unit) / 2
     a, b = radius + more, radius - more
     geometry[size] = float(f"{from_si(2 * sqrt(a * b), unit):.6g}")
     geometry["aspect_ratio"] = float(f"{a / b:.6g}")
@@ -93,12 +113,12 @@ def _ratio_of_axes(case: Any) -> Iterator[str]:
 
 
 def _smoothing(case: Any) -> Iterator[str]:
-    if case.get("geometry", {}).pop("pieces", None) is not None:
+    if _table(case, "geometry").pop("pieces", None) is not None:
         yield "geometry.pieces is gone: smoothing_mm, the length over which sections are averaged, has its default"
 
 
 def _wall_of_the_source(case: Any) -> Iterator[str]:
-    for region, material in case.get("materials", {}).items():
+    for region, material in _table(case, "materials").items():
         if isinstance(material, dict) and material.get("set") == "vein_wall":
             material["set"] = SOURCE_WALL
             yield (

@@ -14,10 +14,10 @@ import tomli_w
 
 from ngfsi import registry
 from ngfsi.case import formats
-from ngfsi.case.case import Case, Conditions, Materials, Output, Solver, kind_of
+from ngfsi.case.case import Case, Conditions, Materials, Output, Solver, kind_of, read_case
 from ngfsi.config.describe import json_schema, meaning
 from ngfsi.config.model import ConfigModel, dimension_of_field, keys_of
-from ngfsi.errors import CaseError, NgfsiError, OutputError
+from ngfsi.errors import NgfsiError, OutputError
 from ngfsi.store.disk import explained, replace_file
 from ngfsi.units import from_si, readable
 
@@ -71,14 +71,10 @@ def migrate(path: Path, output: Path) -> list[str]:
     """Write a case file in the present format; return what was changed, in sentences.
 
     Raises:
-        CaseError: the file cannot be read, or is not TOML.
+        CaseError: the file cannot be read, is not TOML, or of a format that this ngfsi does not know.
         OutputError: the output is there already, or cannot be written.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise CaseError(f"the case file '{path}' cannot be read: {error}") from None
-    new, said = formats.migrated(text)
+    new, said = formats.migrated(read_case(path)[0])
     if output.exists():
         raise OutputError(f"'{output}' is there already: name another file with --output")
     replace_file(output, new.encode())
