@@ -315,6 +315,9 @@ def calibrate(
         list[str] | None,
         typer.Option(metavar="KEY=MEAN,SD", help="What is known of a parameter before; may be given again."),
     ] = None,
+    check: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Runs of parameters drawn from what the data leave open.")
+    ] = 0,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder of the report; default runs/calibrate-<name>.", show_default=False),
@@ -339,7 +342,7 @@ def calibrate(
     folder = output or Path("runs") / f"calibrate-{chosen.name}"
     say = (lambda _: None) if quiet else _say
     with _interruptible(folder):
-        found = command.run(chosen, data, by, bounds or (), prior or (), folder, say)
+        found = command.run(chosen, data, by, bounds or (), prior or (), folder, say, check)
     console().print(command.table(found))
     typer.echo(f"The report and the calibrated case are in '{folder}'")
 

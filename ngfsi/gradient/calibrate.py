@@ -14,32 +14,45 @@ from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.gradient.calibration import Runs, calibrate, read_data
 from ngfsi.gradient.parameters import parameters_of, two_numbers
-from ngfsi.identify.least_squares import LEVEL, Fit
+from ngfsi.identify.least_squares import LEVEL, Check, Fit, check
 from ngfsi.report.tables import markdown_table
 from ngfsi.solve.initial import Say
 from ngfsi.store.disk import explained, replace_file
 from ngfsi.store.table import write_rows
-from ngfsi.units import symbol
+from ngfsi.units import in_unit, symbol
 
 PARAMETERS, DATA, CASE, REPORT, FIGURE = "calibration.csv", "data.csv", "case.toml", "report.md", "calibration.png"
+CHECK = "check.csv"
 DOUBTFUL = 0.01
 """Probability of the gaps below which the model, or the errors, are not to be believed."""
+BENT = 0.3
+"""Part of the spread of runs that is not linear from which on intervals are not to be believed."""
 STATION = re.compile(r"_z(\d\d)|_at_([\d.]+mm)")
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What was found, and by which runs; `first`: what the case as it was given has in place of the data."""
+    """What was found, and by which runs.
+
+    Attributes:
+        first: what the case as it was given has in place of the data.
+        check: runs of parameters drawn from their covariance.
+    """
 
     fit: Fit
     runs: Runs
     first: Array
+    check: Check | None = None
 
 
 def run(
-    case: Case, data: Path, by: str, bounds: Sequence[str], priors: Sequence[str], folder: Path, say: Say
-) -> Calibration:
+    case: Case, data: Path, by: str, bounds: Sequence[str], priors: Sequence[str], folder: Path, say: Say,
+    checked: int = 0,
+) -> Calibration:  # fmt: skip
     """Calibrate parameters of a case, and write what was found to a folder.
+
+    Args:
+        checked: number of runs of parameters drawn from their covariance.
 
     Raises:
         CaseError, MaterialError: what is asked for is not there, not known to gradients, or not told by the data.
@@ -51,7 +64,8 @@ def run(
              for texts, option in ((bounds, "--bounds"), (priors, "--prior"))]  # fmt: skip
     runs = Runs(case, parameters, read_data(data, case), say)
     first = runs.values(np.array([one.value for one in parameters]))
-    found = Calibration(calibrate(runs, *pairs), runs, first)
+    fit = calibrate(runs, *pairs)
+    found = Calibration(fit, runs, first, check(fit, runs.values, checked) if checked else None)
     with explained(folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
     write(found, folder)
@@ -70,6 +84,13 @@ def write(found: Calibration, folder: Path) -> None:
         for one, before, after, gap in zip(data, found.first.tolist(), found.fit.model.tolist(),
                                            found.fit.gaps.tolist(), strict=True)
     ])  # fmt: skip
+    if found.check is not None:
+        names = [f"{one.name}_{one.unit}" for one in found.runs.parameters]
+        write_rows(folder / CHECK, [
+            dict(zip(names, values, strict=True)) | {f"{one.name}_at_{one.time:g}s_{one.unit}": value
+                                                     for one, value in zip(data, model, strict=True)}
+            for values, model in zip(found.check.values.tolist(), found.check.model.tolist(), strict=True)
+        ])  # fmt: skip
     replace_file(folder / CASE, found.runs.case_of(found.fit.values).to_toml().encode())
     panels: dict[str, dict[str, Measurements]] = {}
     for place in np.argsort([one.time for one in data], kind="stable"):
@@ -112,9 +133,21 @@ def sentences(found: Calibration) -> list[str]:
         said.append("The model does not fit the data within their errors: one of the two is wrong, and the intervals "
                     "are too narrow.")  # fmt: skip
     said += [f"{name} stands at a bound: its interval is that of a free parameter." for name in fit.at_bounds]
+    if found.check is not None:
+        said.append(of_check(found.check, np.array([one.error for one in runs.data])))
     way = f"{runs.sweeps} sweeps of the adjoint" if runs.sweeps else "differences of runs"
     said.append(f"{runs.runs} runs, slopes by {way}.")
     return said
+
+
+def of_check(runs: Check, errors: Array) -> str:
+    """Say whether the intervals are those of the runs themselves, not of their linearised model."""
+    size = lambda spread: float(np.sqrt(np.mean((spread / errors) ** 2)))  # noqa: E731
+    said = f"{len(runs.values)} runs of parameters drawn from their covariance spread the data by "
+    said += f"{size(runs.spread):.2g} errors, by the linear model {size(runs.linear_spread):.2g}; "
+    said += f"{in_unit(runs.bend, 'percent', '.2g')} of that is not linear"
+    said += ", too much for the intervals." if runs.bend > BENT else "."
+    return said + (f" {runs.failed} more had no solution." if runs.failed else "")
 
 
 def report(found: Calibration) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -170,6 +171,70 @@ def fit(
         tuple(unknowns), found.x * sizes, covariance * np.outer(sizes, sizes), measured + errors * of_data,
         found.jac[: len(measured)] * errors[:, None] / sizes, of_data, least_known(by_parts), found.nfev,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Check:
+    """A model at parameters drawn from what a fit left open, beside what its linearised model says of them.
+
+    Attributes:
+        values: (n, parameters) drawn.
+        model, linear: (n, data) of the model, and of the model linearised at the fit.
+        failed: draws for which the model had no solution, which are none of the n.
+        middle: (data,) of the model at the fit.
+    """
+
+    values: Array
+    model: Array
+    linear: Array
+    failed: int
+    middle: Array
+
+    @property
+    def spread(self) -> Array:
+        """Root mean square of what the drawn parameters change in each datum."""
+        return self._size(self.model - self.middle)
+
+    @property
+    def linear_spread(self) -> Array:
+        """The same of the linearised model."""
+        return self._size(self.linear - self.middle)
+
+    @property
+    def bend(self) -> float:
+        """Of what they change, the part that is not linear: root mean squares over draws and data of like weight."""
+        told = self.linear_spread > 0
+        return float(self._size(((self.model - self.linear)[:, told] / self.linear_spread[told]).ravel()))
+
+    @staticmethod
+    def _size(changes: Array) -> Any:
+        return np.sqrt(np.mean(np.square(changes), axis=0))
+
+
+def check(found: Fit, model: Callable[[Array], Array], count: int, seed: int = 0) -> Check:
+    """Return the model at parameters drawn from the covariance of a fit, within its bounds.
+
+    Raises:
+        SolverError: the model has no solution for any of them.
+    """
+    random = np.random.default_rng(seed)
+    low, high = (np.array([getattr(one, end) for one in found.unknowns]) for end in ("low", "high"))
+    drawn: list[Array] = []
+    while len(drawn) < count:
+        many = random.multivariate_normal(found.values, found.covariance, count)
+        drawn += list(many[np.all((low <= many) & (many <= high), axis=1)])
+    solved, values = [], []
+    for one in drawn[:count]:
+        try:
+            values.append(model(one))
+        except (CaseError, MaterialError, SolverError):
+            continue
+        solved.append(one)
+    if not solved:
+        raise SolverError(f"there is no solution for any of {count} sets of parameters within their intervals")
+    changes = np.array(solved) - found.values
+    linear = found.model + changes @ found.slopes.T
+    return Check(np.array(solved), np.array(values), linear, count - len(solved), found.model)
 
 
 def _relative(values: Array) -> Array:

@@ -10,7 +10,7 @@ import pytest
 
 from ngfsi.arrays import Array
 from ngfsi.errors import CaseError, MaterialError, SolverError
-from ngfsi.identify.least_squares import Fit, Unknown, fit, in_words
+from ngfsi.identify.least_squares import Fit, Unknown, check, fit, in_words
 from tests.solve.test_statics import INNER, OUTER
 
 TRUTH = np.array([12e3, 0.4])
@@ -126,6 +126,35 @@ def test_where_there_is_no_model_the_search_goes_around() -> None:
     assert min(tried) < 11e3
     with pytest.raises(SolverError, match="no solution"):
         fit((Unknown("young", 10e3), FIRST[1]), EXACT, ERRORS, fails, slopes)
+
+
+def test_runs_of_the_covariance_tell_whether_it_holds() -> None:
+    """They spread the data as the covariance says where the model is linear within them; what is not linear grows with
+    the errors, as the square of a change over the change."""
+    count = 2000
+    found = [fitted(errors=part * ERRORS) for part in (1.0, 2.0)]
+    runs = [check(one, areas, count) for one in found]
+    sd = np.sqrt(np.diag(found[0].slopes @ found[0].covariance @ found[0].slopes.T))
+    assert runs[0].spread == pytest.approx(sd, rel=4 / np.sqrt(2 * count))
+    assert np.cov(runs[0].values.T) == pytest.approx(found[0].covariance, rel=6 / np.sqrt(count))
+    assert runs[1].bend == pytest.approx(2 * runs[0].bend, rel=0.05)
+    line = np.array([[1.0, 1.0], [2.0, -1.0]])
+    linear = fit((Unknown("a", 1.5, 0.9), Unknown("b", 1.0)), np.array([3.0, 0.0]), np.full(2, 0.5),
+                 lambda x: line @ x, lambda _: line)  # fmt: skip
+    exact = check(linear, lambda x: line @ x, 50)
+    assert exact.bend < 1e-9
+    assert exact.values[:, 0].min() >= 0.9  # half a standard deviation below
+
+    def fails(values: Array) -> Array:
+        if values[1] < linear.values[1]:
+            raise SolverError("no solution")
+        return line @ values
+
+    some = check(linear, fails, 50)
+    assert len(some.values) + some.failed == 50
+    assert 10 < some.failed < 40
+    with pytest.raises(SolverError, match="any of 3 sets of parameters"):
+        check(linear, lambda _: fails(linear.values - 1.0), 3)
 
 
 def test_words() -> None:

@@ -103,7 +103,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["calibrate", str(tmp_path / "case.toml"), "--data", str(table), "--by", "materials.tissue.young", "-o",
               str(tmp_path / "out"), "--set", "materials.tissue.young_kPa=40", "--quiet",
-              "--bounds", "materials.tissue.young_kPa=5,100"])  # fmt: skip
+              "--bounds", "materials.tissue.young_kPa=5,100", "--check", "2"])  # fmt: skip
     assert not ended.value.code
     (row,) = read_rows(tmp_path / "out" / "calibration.csv")
     assert float(row["low"]) < 30e3 < float(row["high"])
@@ -112,7 +112,14 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gaps = [float(one["gap_over_error"]) for one in read_rows(tmp_path / "out" / "data.csv")]
     assert sum(gaps) == pytest.approx(0.0, abs=0.05)
     assert np.ptp(gaps) == pytest.approx(1.0, abs=0.05)
+    drawn = read_rows(tmp_path / "out" / "check.csv")
+    assert len(drawn) == 2
+    middle = float(read_rows(tmp_path / "out" / "data.csv")[0]["calibrated"])
+    for one in drawn:  # blood presses more than the leg: a stiffer tissue is widened less
+        stiffer = float(one["materials.tissue.young_Pa"]) > float(row["value"])
+        assert (float(one["area_at_3mm_at_0.1s_m2"]) < middle) is stiffer
     text = (tmp_path / "out" / "report.md").read_text()
+    assert "2 runs of parameters drawn from their covariance" in text
     assert "| `materials.tissue.young` | Pa |" in text
     assert "for 2 data, 1 more than parameters without a prior" in text
     assert (tmp_path / "out" / "calibration.png").stat().st_size > 1000
