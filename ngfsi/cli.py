@@ -650,7 +650,7 @@ def parse_change(text: str) -> tuple[str, Any]:
     """
     key, equals, value = text.partition("=")
     if not key.strip() or not equals or not value.strip():
-        raise CaseError(f"--set {text} is not understood: write key=value, e.g. --set time.step_ms=10")
+        raise CaseError(f"'{text}' is not understood: write KEY=VALUE, e.g. time.step_ms=10")
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:

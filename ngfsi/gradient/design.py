@@ -20,11 +20,12 @@ from ngfsi.arrays import Array
 from ngfsi.case import Case, Cuff
 from ngfsi.conditions.loads import SKIN, PressureOn
 from ngfsi.config.functions import PressureConstant
-from ngfsi.errors import CaseError, MaterialError, SolverError
+from ngfsi.errors import CaseError, MaterialError, SolverError, unknown
 from ngfsi.gradient.adjoint import Acting, Adjoint, StoredStates
 from ngfsi.measure.sections import STATIONS
 from ngfsi.mesh.domain import Domain
 from ngfsi.solve.initial import Say, silent
+from ngfsi.units import in_unit
 
 EDGE = 20e-3
 """Over which the pressure of a cuff falls off, at most (m): meshes must resolve it."""
@@ -53,6 +54,9 @@ class Limits:
         jump: of neighbours (Pa); infinite: any.
         loss: largest fraction of the lumen's volume that is lost against the shape without loads.
         section_loss: the same of the area of each station.
+
+    Raises:
+        CaseError: they leave nothing.
     """
 
     mean: float
@@ -61,6 +65,18 @@ class Limits:
     jump: float = np.inf
     loss: float = 1.0
     section_loss: float = 1.0
+
+    def __post_init__(self) -> None:
+        low, mean, high = (in_unit(one, "mmHg", ".4g") for one in (self.low, self.mean, self.high))
+        if not self.low <= self.mean <= self.high:
+            raise CaseError(
+                f"a mean pressure of {mean} is not between {low} and {high}, the bounds of each: change one"
+            )
+        if self.jump < 0:
+            jump = in_unit(self.jump, "mmHg", ".4g")
+            raise CaseError(
+                f"neighbours cannot differ by {jump} at most: write 0 or more, 0 for one pressure everywhere"
+            )
 
 
 @dataclass(frozen=True)
@@ -78,7 +94,13 @@ class Layout:
 
     @classmethod
     def on(cls, domain: Domain, rings: int, sectors: int) -> Layout:
-        """Return a layout on the skin of a domain."""
+        """Return a layout on the skin of a domain.
+
+        Raises:
+            CaseError: it is plane, or without a vein.
+        """
+        if domain.mesh.dim < 3 or not domain.vessels:
+            raise CaseError("a design is for a segment in 3-D with a vein or a hole in it, as `ngfsi new calf` writes")
         heights = [domain.mesh[vertex].point[2] for element in domain.boundaries(SKIN).Elements()
                    for vertex in element.vertices]  # fmt: skip
         return cls(rings, sectors, min(heights), max(heights))
@@ -165,9 +187,12 @@ class Pressed:
     def __init__(self, case: Case, quantity: str, layout: Layout, domain: Domain, limits: Limits) -> None:
         """Prepare; `quantity`: one with a gradient, or the least of those at the stations, NAME_least."""
         self.layout, self.domain = layout, domain
-        (vessel, *_) = domain.vessels
-        prefix, stations = f"{vessel.name}_" if vessel.name else "", range(STATIONS)
-        least = quantity.endswith(LEAST)
+        prefix, *others = (f"{one.name}_" if one.name else "" for one in domain.vessels)
+        least, stations = quantity.endswith(LEAST), range(STATIONS)
+        if least and quantity not in (
+            known := [f"{name}{of}{LEAST}" for name in (prefix, *others) for of in ("area", "sawss")]
+        ):
+            raise CaseError(unknown("quantity at stations", quantity, known))
         self.aims = [f"{quantity.removesuffix(LEAST)}_z{n:02d}" for n in stations] if least else [quantity]
         sections = [f"{prefix}area_z{n:02d}" for n in stations] if limits.section_loss < 1 else []
         self.sizes = [f"{prefix}lumen_volume", *sections]
@@ -288,8 +313,6 @@ def improve(
         CaseError: the limits leave nothing, or the quantity has no gradient.
         MeshError, SolverError: as for a run, under the mean pressure everywhere.
     """
-    if not limits.low <= limits.mean <= limits.high:
-        raise CaseError(f"a mean pressure of {limits.mean:g} Pa is not between {limits.low:g} and {limits.high:g} Pa")
     members = [Pressed(one, quantity, layout, its, limits) for one, its in ((case, domain), *others)]
     weights, allowed = layout.weights(domain), np.concatenate([one.most for one in members])
     here = np.full(layout.rings * layout.sectors, limits.mean)
@@ -297,8 +320,9 @@ def improve(
     if np.any(over := at.losses > allowed):
         number = int(np.argmax(over))
         name = members[0].sizes[number % len(members[0].sizes)]
-        raise CaseError(f"under {limits.mean:g} Pa everywhere {at.losses[number]:.3g} of {name} is lost, the limit is "
-                        f"{allowed[number]:g}")  # fmt: skip
+        mean = in_unit(limits.mean, "mmHg", ".4g")
+        raise CaseError(f"under {mean} everywhere {at.losses[number]:.3g} of {name} is lost, the limit is "
+                        f"{allowed[number]:g}: take a smaller mean or a larger limit")  # fmt: skip
     history, region = [at.value], min(limits.mean - limits.low, limits.high - limits.mean) or limits.high - limits.low
     smallest = SMALLEST * region
     say(f"{limits.mean:g} Pa everywhere: {quantity} {at.value:.5g}, loss {at.losses[0]:.3f}")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ngfsi_geometry.calf_section import SectionSizes, subject
 
 from ngfsi.case import Case
 from ngfsi.cli import main
@@ -154,5 +155,13 @@ def test_what_is_refused() -> None:
     for text in ("4", "0x3", "3x2"):
         with pytest.raises(CaseError, match=f"--cuffs {text} is not understood"):
             grid(text)
-    with pytest.raises(CaseError, match="is not between 0 and 100 Pa"):
-        improve(VEIN, "sawss", LAYOUT, Limits(mean=200.0, high=100.0), domain_of(BONED))
+    with pytest.raises(CaseError, match="of 2 mmHg is not between 0 mmHg and 1 mmHg"):
+        Limits(mean=2 * MMHG, high=1 * MMHG)
+    with pytest.raises(CaseError, match="cannot differ by -1 mmHg"):
+        Limits(mean=1 * MMHG, high=2 * MMHG, jump=-1 * MMHG)
+    with pytest.raises(
+        CaseError, match=r"'flow_in_least' is not a known quantity at stations.*area_least, sawss_least"
+    ):
+        improve(VEIN, "flow_in_least", LAYOUT, Limits(mean=100.0, high=200.0), domain_of(BONED))
+    with pytest.raises(CaseError, match="a design is for a segment in 3-D"):
+        Layout.on(domain_of(subject(1, mesh=SectionSizes(far_size=14e-3, bone_size=9e-3, vein_size=3e-3))), 1, 3)
