@@ -17,13 +17,16 @@ from ngfsi.case import Case
 from ngfsi.cli import app
 from ngfsi.config.functions import PressureRamp
 from ngfsi.errors import OutputError, SolverError, StoppedError
+from ngfsi.linear import backends
 from ngfsi.run import run
+from ngfsi.run.computation import fitting_backend
 from ngfsi.run.estimate import companions, estimate
+from ngfsi.run.finer import Finer
 from ngfsi.run.interrupts import Stops
 from ngfsi.store import StoredRun, open_run
 from tests.output.fake import CASE as FAKE
 from tests.output.fake import fake_run
-from tests.vein import TUBE, case_of
+from tests.vein import TUBE, case_of, system_of
 
 CASE = case_of(TUBE, **{
     "loads.skin_pressure": PressureRamp(final=300.0, duration=0.4), "time.step": 0.1, "time.end": 0.4,
@@ -141,3 +144,11 @@ def test_what_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert re.fullmatch(r"no error from space: '.*end\.npz' cannot be read: No such file or directory", said[-1])
     lower = estimate(fake_run(tmp_path / "again", prestressed), max_wall=60.0)
     assert lower[0]["space_largest_1"] == pytest.approx(0.05 / 0.25, rel=1e-9)
+
+
+def test_what_is_too_large_for_factors_is_not_factorised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Elements of one order more have a solver that fits their own number."""
+    system = system_of(CASE)
+    monkeypatch.setattr(backends, "CROSSING", {2: 10 * system.unknowns.size, 3: 2 * system.unknowns.size})
+    assert fitting_backend(system)[0] != "p_multigrid"
+    assert Finer(system)._newton.factorisation.backend == "p_multigrid"

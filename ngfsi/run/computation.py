@@ -137,6 +137,16 @@ def _finished(computation: Computation, quiet: bool, max_wall: float | None, res
     return open_run(target.path)
 
 
+def fitting_backend(system: System) -> tuple[Name, str]:
+    """Return the linear solver of a system, which where the case leaves the choice fits its size if it has a solid that
+    can be smoothed, and in that case why."""
+    backend = choose_backend(system.case.solver.linear)
+    if system.case.solver.linear != "auto" or system.ranks.size > 1 or not system.solids:
+        return backend, ""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    return fitting(backend, system.unknowns.size, system.case.discretisation.order, memory)
+
+
 class Computation:
     """A run under way: owns the pieces and the order in which they work."""
 
@@ -188,7 +198,9 @@ class Computation:
     def _solve(self, domain: Domain, stops: Stops, *, quiet: bool) -> None:
         with self.watch("set-up"):
             system = shared_system(self.case, domain, self.watch, all_ranks())
-            self._fit_backend(system)
+            self.backend, why = fitting_backend(system)
+            if why:
+                self.folder.log(why)
             newton = Newton(system, self.backend, *system.unknowns.to_solve)
         with self.watch("initial state"):
             if self.start is None:
@@ -209,14 +221,6 @@ class Computation:
                     observer.look(0.0, None)
                 self._write_checkpoint(loop, observers)
             self._march(loop, observers, progress, stops)
-
-    def _fit_backend(self, system: System) -> None:
-        """Take a solver that fits the size of a system with a solid that can be smoothed; the log says why."""
-        if self.case.solver.linear != "auto" or system.ranks.size > 1 or not system.solids:
-            return
-        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-        self.backend, why = fitting(self.backend, system.unknowns.size, self.case.discretisation.order, memory)
-        self.folder.log(why)
 
     def _restore(self, loop: TimeLoop, observers: Sequence[Observer]) -> None:
         """Go on from the checkpoint."""

@@ -21,11 +21,10 @@ import numpy as np
 from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.errors import CaseError, MeshError, OutputError, SolverError
-from ngfsi.linear.backends import choose_backend
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import columns as columns_of
 from ngfsi.mesh.domain import Domain
-from ngfsi.run.computation import finished
+from ngfsi.run.computation import finished, fitting_backend
 from ngfsi.run.finer import Finer, has_finer
 from ngfsi.solve.initial import Say, initial_state, silent
 from ngfsi.solve.newton import Newton
@@ -136,14 +135,13 @@ def _row(column: str, found: StoredRun) -> dict[str, float | str]:
 def _changes(found: StoredRun) -> Errors:
     """Return what changes at the end in elements of one order more; nothing where there is no such state."""
     columns, end, case = _columns(found), found.case.time.end, found.case
-    backend = choose_backend(case.solver.linear)
     with ng.TaskManager():
         domain = Domain.build(case.geometry)
         system = System(case, domain)
         if not has_finer(system):
             return {}
         at_end = found.end(domain.fingerprint)
-        finer = Finer(system, backend)
+        finer = Finer(system)
         probe = Probe(finer.system)
         measures = columns_of(probe)
 
@@ -152,7 +150,7 @@ def _changes(found: StoredRun) -> Errors:
             probe.refresh()
             return {column: measures[column]() for column in columns}
 
-        initial_state(system, Newton(system, backend, *system.unknowns.to_solve))
+        initial_state(system, Newton(system, fitting_backend(system)[0], *system.unknowns.to_solve))
         first = measured(0.0)
         system.restore(at_end)
         last = measured(end)

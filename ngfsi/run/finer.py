@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ngfsi.linear.backends import Name
+from ngfsi.run.computation import fitting_backend
 from ngfsi.solve.initial import NEWTON_STEPS
 from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System
@@ -32,11 +32,11 @@ class Finer:
         system: the finer one, in the state of the last `take`.
     """
 
-    def __init__(self, coarse: System, backend: Name) -> None:
+    def __init__(self, coarse: System) -> None:
         case = coarse.case.replace(**{"discretisation.order": coarse.case.discretisation.order + 1})
         self._coarse = coarse
         self.system = type(coarse)(case, coarse.domain)
-        self._newton = Newton(self.system, backend, *self.system.unknowns.to_solve)
+        self._newton = Newton(self.system, fitting_backend(self.system)[0], *self.system.unknowns.to_solve)
 
     def take(self, time: float) -> None:
         """Solve for the state that corresponds to the present one of the other system, at a time (s).

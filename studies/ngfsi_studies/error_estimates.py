@@ -98,7 +98,7 @@ def calf(folder: Path) -> Iterator[Row]:
 
 def _of_systems(name: str, found: System, measure: Callable[[System], Values], exact: Values) -> Iterator[Row]:
     """Compare what elements of one order more change with the distance from exact values."""
-    finer = Finer(found, choose_backend("auto"))
+    finer = Finer(found)
     finer.take(0.0)
     here, more = measure(found), measure(finer.system)
     for quantity, right in exact.items():
