@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ngfsi import registry
-from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError
+from ngfsi.errors import CaseError, Interrupted, NgfsiError, OutputError, unknown
 from ngfsi.parallel.ranks import Ranks, all_ranks, launched
 from ngfsi.process import INTERRUPTED
 from ngfsi.units import Shown, seconds
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from ngfsi.case import Case
     from ngfsi.store import StoredRun
 
+LEVELS = ("demo", "paper", "fine")
+"""Of a study whose module has no LEVELS of its own."""
 SHARED = ("run", "resume")
 """Commands of which several ranks share the work."""
 
@@ -403,7 +405,7 @@ def design(
 def study(
     name: Annotated[str, typer.Argument(help="Name of the study, e.g. compare_tissues.")],
     level: Annotated[
-        Literal["demo", "paper", "fine"], typer.Option(help="How finely to compute: minutes, an hour, a day.")
+        str, typer.Option(help="How finely to compute: demo, paper, fine; minutes, an hour, a day. A few have others.")
     ] = "demo",
     output: Output = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute again what failed.")] = False,
@@ -419,6 +421,9 @@ def study(
     Example: ngfsi study compare_tissues --level paper
     """
     compute = registry.find("ngfsi.studies", name, "study", OutputError)
+    levels = getattr(sys.modules[compute.__module__], "LEVELS", LEVELS)
+    if level not in levels:
+        raise OutputError(unknown(f"level of the study {name}", level, levels))
     folder = output or Path("runs") / f"{name}-{level}"
     if retry_failed:
         from ngfsi.study import forget_failed

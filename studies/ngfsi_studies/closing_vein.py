@@ -149,7 +149,7 @@ POINTS: dict[str, Point] = {
     "wall_stiff": Point("wall twice as stiff", {"materials.wall": WALL.replace(young=266e3)}),
     "wall_thin": Point("wall of 0.5 mm", {"geometry.wall_thickness": 0.5e-3}),
     "sheath": Point("in a sheath of 2 mm, 5 kPa", SHEATH, closes=39),
-    "sheath_coarse": Point("in such a sheath, on the coarse mesh", SHEATH, closes=45, rises=False, coarse=True),
+    "sheath_coarse": Point("in a sheath of 2 mm, on the coarse mesh", SHEATH, closes=45, rises=False, coarse=True),
     "tissue_stiff": Point("M with K 82 kPa", {"materials.tissue": load_set("mooney_rivlin_s1").replace(K=82e3)}),
     "tissue_n": Point("N, likely constants", {"materials.tissue": load_set("neo_hookean_likely")}),
     "wall_source": Point("wall of Saint Venant-Kirchhoff's law", {"materials.wall": load_set("vein_wall_source")}),
