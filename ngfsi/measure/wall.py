@@ -25,6 +25,7 @@ from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, VELOCITY
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics
+from ngfsi.system.forms import linear_form
 from ngfsi.system.sparse import csr
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import same_functions
@@ -162,24 +163,25 @@ class Wall:
         corners = [(s, t) for t in ticks for s in ticks]
         places = {ng.ET.QUAD: corners, ng.ET.TRIG: [(s * (1 - t), t) for s, t in corners]}
         at = self._map({kind: ng.IntegrationRule(inside, [1.0] * len(inside)) for kind, inside in places.items()})
-        points = np.asarray((ng.CF((ng.x, ng.y, ng.z)) + self._motion)(at))
+        together = np.asarray(self._sampled(at))
+        points, shear, normal, along = np.split(together[:, :12], 4, axis=1)
         first, row = np.arange(0, len(points), len(corners)), refinement + 1
         cells = np.add.outer(row * np.arange(refinement), np.arange(refinement)).ravel()
         quads = np.add.outer(np.add.outer(first, cells), [0, 1, row + 1, row]).reshape(-1, 4)
-        pressure = self.system.blood_pressure(self.vessel.name)
-        shear, normal = np.asarray(self.shear(at)), np.asarray(self._normal(at))
-        along = np.asarray(self._along(at))
-        along -= np.sum(along * normal, axis=1)[:, None] * normal
+        along = along - np.sum(along * normal, axis=1)[:, None] * normal
         along /= np.linalg.norm(along, axis=1)[:, None]
         tangential = np.stack([np.sum(shear * way, axis=1) for way in (along, np.cross(along, normal))], axis=1)
-        return WallSample(points, quads, shear, np.asarray(pressure(at)).ravel(), tangential)
+        return WallSample(points, quads, shear, together[:, 12], tangential)
 
     @cached_property
-    def _along(self) -> Any:
-        """Where the material lines along the centreline lead now; lines are looked for when samples are wanted."""
+    def _sampled(self) -> Any:
+        """Place (m), wall shear stress (Pa), normal, where the material lines along the centreline lead, pressure (Pa);
+        lines are looked for when samples are wanted."""
         domain = self.system.domain
         lines = self._lines or find_centrelines(domain, self.vessel)
-        return (self._gradient * direction(domain, self.vessel, lines)).Compile()
+        along = self._gradient * direction(domain, self.vessel, lines)
+        place, pressure = ng.CF((ng.x, ng.y, ng.z)) + self._motion, self.system.blood_pressure(self.vessel.name)
+        return ng.CF((place, self.shear, self._normal, along, pressure)).Compile()
 
     def _map(self, rules: Any) -> Any:
         return self.system.domain.mesh.MapToAllElements(rules, self._region)
@@ -222,9 +224,7 @@ class Projection:
 
     def work_of(self, field: Any) -> ng.LinearForm:
         """Return the work of a vector field on the interface, to be assembled and solved for its projection."""
-        form = ng.LinearForm(self.space)
-        form += (self._stretch * (field * self.space.TestFunction().Trace())).Compile() * self._ds
-        return form
+        return linear_form(self.space, [(self._stretch * (field * self.space.TestFunction().Trace()), self._ds)])
 
     def solve(self, work: Array, result: Any) -> None:
         """Write the field that does the work (N/m, one value per function) on each function of the space."""
@@ -250,11 +250,11 @@ class Traction:
         area = k.cof * domain.outward_normal(str(vessel.lumen))
         pressure = system.fields().pressure * area
         more = {"bonus_intorder": system.unknowns.order}
-        self._known = ng.LinearForm(projection.space)
-        self._known += (pressure * test).Compile() * domain.ds(vessel.interface, **more)
+        parts = [(pressure * test, domain.ds(vessel.interface, **more))]
         # what holds the prescribed velocity, on functions of the rim
         for name in set(system.unknowns.on_opening) & set(vessel.openings):
-            self._known += ((pressure - stress * area) * test).Compile() * domain.ds(name, **more)
+            parts.append(((pressure - stress * area) * test, domain.ds(name, **more)))
+        self._known = linear_form(projection.space, parts)
 
     def refresh(self) -> None:
         """Take the system's present state."""

@@ -24,14 +24,25 @@ def residual_form(space: Any, parts: Sequence[Integral]) -> ng.BilinearForm:
     and not once for each component of each test function, which is 12 times for a solid.
     """
     form = ng.BilinearForm(space, nonassemble=True, check_unused=False)
+    _add(form, [(sum(integrands[1:], start=integrands[0]), measure) for integrands, measure in parts])
+    return form
+
+
+def linear_form(space: Any, parts: Sequence[tuple[Any, Any]]) -> ng.LinearForm:
+    """Return a form to assemble, of integrands with their measures, each differentiated as by `residual_form`."""
+    form = ng.LinearForm(space)
+    _add(form, parts)
+    return form
+
+
+def _add(form: Any, parts: Sequence[tuple[Any, Any]]) -> None:
     usual = ng.ngsglobals.symbolic_integrator_uses_diff
     ng.ngsglobals.symbolic_integrator_uses_diff = True
     try:
-        for integrands, measure in parts:
-            form += sum(integrands[1:], start=integrands[0]).Compile() * measure
+        for integrand, measure in parts:
+            form += integrand.Compile() * measure
     finally:
         ng.ngsglobals.symbolic_integrator_uses_diff = usual
-    return form
 
 
 def tangent_form(space: Any, parts: Sequence[Integral], *, condense: bool = False) -> ng.BilinearForm:

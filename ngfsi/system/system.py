@@ -26,7 +26,7 @@ from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, PRESSURE, STRETCH, VELOCITY, Fields, Named
-from ngfsi.physics.integrals import Integral, reduced_rules, rules
+from ngfsi.physics.integrals import Integral, reduced_rules, rules, stress_rules
 from ngfsi.physics.kinematics import Kinematics, in_3d
 from ngfsi.system.conditions import conditions_of, references_of
 from ngfsi.system.forms import WithInertia, WithoutRows, residual_form, tangent_form
@@ -292,7 +292,7 @@ class System:
         order, model = self.unknowns.order, self.solids[name]
         model = model.at_rest if at_rest else model
         dx = partial(self.domain.dx, name, definedonelements=elements)
-        measure = dx(intrules=self._rules(2 * order))
+        measure = dx(intrules=stress_rules(2 * order + self.case.discretisation.extra_integration_order))
         if self.case.discretisation.bulk_integration == "full":
             return [Integral([terms.internal_work(model, F, grad_v, relaxation, across)], measure)]
         rest, bulk = terms.internal_works(model, F, grad_v, relaxation, across)
