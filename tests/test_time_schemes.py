@@ -28,12 +28,15 @@ def known(step: float, shear: float = 0.0, lost: float = 0.0) -> Any:
 
 
 def test_cases() -> None:
-    """They differ in the rise, the scheme and its steps, and each has its own name."""
+    """They differ in rise, scheme and steps, have names of their own, and are there at the times of comparison."""
     for level in LEVELS.values():
         found = {point.key: case(point, level) for point in points(level)}
         assert len(found) == len(points(level))
         assert {one.time.scheme for one in found.values()} == {"sdirk4", *level.steps}
         assert all(one.time.end == level.end for one in found.values())
+        for key, one in found.items():
+            assert one.solver.tolerance == level.newton.get(one.time.scheme, 1e-7), key
+            assert level.shown / one.time.step == pytest.approx(round(level.shown / one.time.step)), key
 
 
 def test_errors_are_the_largest_at_common_times() -> None:
