@@ -183,15 +183,31 @@ def test_states_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_shape_of_a_tube() -> None:
-    """By a number of the geometry whose mesh keeps its elements."""
-    case = case_of(BONED, **RAMPED, **{"time.scheme": "static"})
-    found = gradient(case, "lumen_volume", Window(), "geometry.length")
-    ends = [value(changed(case, ("geometry", "length"), (1 + sign * 1e-3) * BONED.length), "lumen_volume", Window())
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("length", {}), ("wall_thickness", {}), ("aspect_ratio", {"aspect_ratio": 1.5, "lumen_diameter": 8e-3})],
+)
+def test_shape_of_a_tube(name: str, shape: dict[str, float]) -> None:
+    """By numbers of the geometry whose mesh keeps its elements."""
+    case = case_of(BONED.replace(**shape), **{**RAMPED, "time.scheme": "static", "time.end": 0.1})
+    found = gradient(case, "lumen_volume", Window(), f"geometry.{name}")
+    size = 1e-3 * getattr(case.geometry, name)
+    ends = [value(changed(case, ("geometry", name), getattr(case.geometry, name) + sign * size), "lumen_volume", Window())
             for sign in (1, -1)]  # fmt: skip
-    assert found.derivatives["geometry.length"] == pytest.approx((ends[0] - ends[1]) / 2e-3 / BONED.length, rel=1e-5)
+    assert found.derivatives[f"geometry.{name}"] == pytest.approx((ends[0] - ends[1]) / 2 / size, rel=1e-5)
+
+
+def test_shapes_that_have_no_derivative() -> None:
+    """Meshes that change by more than the places of their points, and a circle, which can become oval only."""
+    case = case_of(BONED, **RAMPED)
     with pytest.raises(CaseError, match="the mesh is another one"):
         same_mesh(case.replace(**{"geometry.mesh.far_size": 9e-3}), domain_of(BONED), "geometry.mesh.far_size")
+    with pytest.raises(CaseError, match=r"geometry.aspect_ratio: 1 can be varied to one side only"):
+        gradient(case, "lumen_volume", Window(), "geometry.aspect_ratio")
+    edge = case_of(BONED.replace(aspect_ratio=2.0, lumen_diameter=8e-3), **RAMPED)  # where two edges more begin
+    with pytest.raises(CaseError, match=r"geometry.aspect_ratio: the mesh is another one when it changes"):
+        same_mesh(parameters_of(edge, ["geometry.aspect_ratio"])[0].varied(edge)[0], domain_of(edge.geometry),
+                  "geometry.aspect_ratio")  # fmt: skip
 
 
 def test_quantities_are_those_of_the_columns() -> None:
