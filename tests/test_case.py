@@ -176,9 +176,9 @@ def test_an_override_may_use_any_unit() -> None:
         ("materials.tissue.set", "mooney_rivlin_s5", "'materials.tissue.set' has an unknown value: 'mooney_rivlin_s5'"),
         ("materials.tissue.set", ["x"], "'materials.tissue.set' has an unknown value"),
         ("materials.tissue.set", "blood", "'materials.tissue.set' has an unknown value: 'blood' is not a known "
-                                          "parameter set for this region: known are crural_fascia, fat_likely, l"),
+                                          "parameter set for this region: known are adventitia, crural_fascia, fat"),
         ("materials.tissue.law", "hencky", "'materials.tissue.law' contradicts the set: 'mooney_rivlin_s1' is of law"),
-        ("materials.tissue", "soft", "materials.tissue = 'soft' is not accepted: a table with set = one of crural"),
+        ("materials.tissue", "soft", "materials.tissue = 'soft' is not accepted: a table with set = one of adven"),
         ("materials.wall.law", "hency", "'materials.wall.law' has an unknown value: 'hency' is not a known law: did y"),
         ("materials.wall.law", "newtonian", "'materials.wall.law' has an unknown value: 'newtonian' is not a known"),
         ("materials.wall.poisson", 0.5, "materials.wall.poisson = 0.5 is not accepted: a number less than 0.5 is wan"),

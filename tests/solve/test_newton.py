@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -322,3 +323,16 @@ def test_factors_of_the_steps_to_come(make: Make) -> None:
         system.new_weight.Set(weight)
         assert newton.solve(1e-10, 60, ahead).factorisations == renewed, (weight, ahead)
         assert system.new_weight.Get() == weight
+
+
+def test_new_factors_cost_what_was_measured() -> None:
+    """In iterations, each a residual and a solution, for all rows of the table of docs/solvers.md 0.9 to 2.0 times
+    as much."""
+    text = (Path(__file__).parents[2] / "docs" / "solvers.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if "size " in line]
+    measured = [row for row in rows if len(row) == 9 and row[2] in ("pardiso", "p_multigrid")]
+    assert len(measured) > 12
+    for row in measured:
+        residual, assembly, renewal, solution = map(float, row[3:7])
+        found = module.renewal_cost(int(row[1].replace(",", "")), iterates=row[2] == "p_multigrid")
+        assert 0.8 < found * (residual + solution) / (assembly + renewal) < 2.1, row
