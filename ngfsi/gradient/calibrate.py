@@ -142,9 +142,9 @@ def sentences(found: Calibration) -> list[str]:
 
 def of_check(runs: Check, errors: Array) -> str:
     """Say whether the intervals are those of the runs themselves, not of their linearised model."""
-    size = lambda spread: float(np.sqrt(np.mean((spread / errors) ** 2)))  # noqa: E731
+    of_runs, linear = (float(np.sqrt(np.mean((one / errors) ** 2))) for one in (runs.spread, runs.linear_spread))
     said = f"{len(runs.values)} runs of parameters drawn from their covariance spread the data by "
-    said += f"{size(runs.spread):.2g} errors, by the linear model {size(runs.linear_spread):.2g}; "
+    said += f"{of_runs:.2g} errors, by the linear model {linear:.2g}; "
     said += f"{in_unit(runs.bend, 'percent', '.2g')} of that is not linear"
     said += ", too much for the intervals." if runs.bend > BENT else "."
     return said + (f" {runs.failed} more had no solution." if runs.failed else "")

@@ -193,12 +193,12 @@ class Check:
     @property
     def spread(self) -> Array:
         """Root mean square of what the drawn parameters change in each datum."""
-        return self._size(self.model - self.middle)
+        return np.asarray(self._size(self.model - self.middle))
 
     @property
     def linear_spread(self) -> Array:
         """The same of the linearised model."""
-        return self._size(self.linear - self.middle)
+        return np.asarray(self._size(self.linear - self.middle))
 
     @property
     def bend(self) -> float:

@@ -10,6 +10,7 @@ the logarithm of the area at each pressure, tested on further runs; and with tha
 from __future__ import annotations
 
 import sys
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -62,7 +63,7 @@ def terms(logs: Array) -> Array:
     return np.array([1.0, *x, *x**2, x[0] * x[1], x[0] * x[2], x[1] * x[2]])
 
 
-def computed(case: Case) -> dict[str, float]:
+def computed(case: Case) -> dict[str, float | str]:
     """Return the area of the middle section under each pressure, as far as there is an equilibrium."""
     domain = Domain.build(case.geometry)
     system = System(case, domain)
@@ -116,6 +117,10 @@ class Areas:
         """Return the fraction that is lost since there was no pressure on the skin."""
         return 1 - self.area(values, pressure) / self.area(values, 0)
 
+    def losses(self, pressure: int, values: Array) -> Array:
+        """Return it as data (1,)."""
+        return np.array([self.loss(values, pressure)])
+
     def slopes(self, values: Array, pressure: int) -> Array:
         """Return the derivatives of the loss."""
         steps = 1e-5 * np.diag(values)
@@ -147,7 +152,7 @@ def fitted(areas: Areas, loss: float, error: float, pressure: int) -> Fit:
     """Return the three parameters by one loss and the priors."""
     unknowns = [Unknown(name, mean, low, high, mean, sd)
                 for name, mean, low, high, sd in zip(TITLES, MEAN, LOW, HIGH, SD, strict=True)]  # fmt: skip
-    return fit(unknowns, np.array([loss]), np.array([error]), lambda x: np.array([areas.loss(x, pressure)]),
+    return fit(unknowns, np.array([loss]), np.array([error]), partial(areas.losses, pressure),
                lambda x: areas.slopes(x, pressure)[None])  # fmt: skip
 
 
@@ -194,7 +199,7 @@ def main(folder: Path) -> None:
             except NgfsiError as refused:
                 rows.append([f"{n + 1}", f"{100 * loss:.1f} ± {100 * error:.1f}", str(refused), *[""] * 7])
                 continue
-            drawn = check(found, lambda x, p=pressure: np.array([areas.loss(x, p)]), 8)
+            drawn = check(found, partial(areas.losses, pressure), 8)
             low, high = (np.clip(found.values + sign * found.half_width, LOW, HIGH) / UNITS for sign in (-1, 1))
             spans = [f"{a:.3g} to {b:.3g} ({by:+.1f})"
                      for a, b, by in zip(low, high, (found.values - MEAN) / SD, strict=True)]  # fmt: skip
@@ -206,8 +211,8 @@ def main(folder: Path) -> None:
         text += [f"## {pressure} mmHg on the skin\n", "One parameter alone:\n",
                  markdown_table(["subject", "measured, %", "K [kPa]", "wall [kPa]", "aspect ratio"], single),
                  "All three: 95 % intervals; in brackets the move, in standard deviations of the prior:\n",
-                 markdown_table(["subject", "measured, %", "fitted, %", "K [kPa]", "wall [kPa]", "aspect ratio", "K, wall",
-                                 "K, shape", "wall, shape", "spread over error, runs / linear"], rows)]  # fmt: skip
+                 markdown_table(["subject", "measured, %", "fitted, %", "K [kPa]", "wall [kPa]", "aspect ratio",
+                                 "K, wall", "K, shape", "wall, shape", "spread: runs / linear"], rows)]  # fmt: skip
     text += ["## What more would tell\n", markdown_table(
         ["measured", "K", "wall", "aspect ratio", "K, wall", "K, shape", "wall, shape"],
         [[name, *(f"{100 * one:.0f} %" for one in sd), *(f"{one:.2f}" for one in correlation)]

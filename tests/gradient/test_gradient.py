@@ -191,10 +191,10 @@ def test_shape_of_a_tube(name: str, shape: dict[str, float]) -> None:
     """By numbers of the geometry whose mesh keeps its elements."""
     case = case_of(BONED.replace(**shape), **{**RAMPED, "time.scheme": "static", "time.end": 0.1})
     found = gradient(case, "lumen_volume", Window(), f"geometry.{name}")
-    size = 1e-3 * getattr(case.geometry, name)
-    ends = [value(changed(case, ("geometry", name), getattr(case.geometry, name) + sign * size), "lumen_volume", Window())
+    size = getattr(case.geometry, name)
+    ends = [value(changed(case, ("geometry", name), (1 + sign * 1e-3) * size), "lumen_volume", Window())
             for sign in (1, -1)]  # fmt: skip
-    assert found.derivatives[f"geometry.{name}"] == pytest.approx((ends[0] - ends[1]) / 2 / size, rel=1e-5)
+    assert found.derivatives[f"geometry.{name}"] == pytest.approx((ends[0] - ends[1]) / 2e-3 / size, rel=1e-5)
 
 
 def test_shapes_that_have_no_derivative() -> None:
