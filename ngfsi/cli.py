@@ -614,8 +614,9 @@ def report(
         Path | None, typer.Option(help="Folder for the charts as SVG, PDF and PNG.", metavar="FOLDER")
     ] = None,
     width_mm: Annotated[
-        float, typer.Option(min=50, max=500, help="Width of these; a column of a journal has 80 to 90.")
-    ] = 170,
+        float | None,
+        typer.Option(min=50, max=500, help="Width of these, by default that of a page; a column has 80 to 90."),
+    ] = None,
     _: Plugin = None,
 ) -> None:
     """Show runs in one HTML file.
@@ -629,6 +630,8 @@ def report(
     from ngfsi.store.disk import explained
     from ngfsi.units import to_si
 
+    if width_mm and not figures:
+        raise OutputError("--width-mm is the width of figures: name a folder for them with --figures")
     if claims:
         with explained(claims, "read"):
             printed = tomllib.loads(claims.read_text(encoding="utf-8"))
@@ -637,7 +640,8 @@ def report(
         printed = {key: value for claims_of in found for key, value in claims_of().items()}
     typer.echo(f"The report is '{write(folders, output, printed)}'")
     if figures:
-        typer.echo(f"{len(draw(folders, figures, to_si(width_mm, 'mm')))} figures are in '{figures}'")
+        width = {"width": to_si(width_mm, "mm")} if width_mm else {}
+        typer.echo(f"{len(draw(folders, figures, **width))} figures are in '{figures}'")
 
 
 OWN = (

@@ -248,3 +248,10 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "manifest.json").read_text(encoding="utf-8"))["reason"].startswith(
         "interrupted by Ctrl-C"
     )
+
+
+def test_a_width_without_figures_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fake_run(tmp_path / "run")
+    code, _, error = ngfsi_(capsys, "report", str(tmp_path / "run"), "--width-mm", "85", "-o", str(tmp_path / "r.html"))
+    assert (code, (tmp_path / "r.html").exists()) == (2, False)
+    assert "name a folder for them with --figures" in error
