@@ -176,12 +176,22 @@ class Factorisation:
     def solve_transposed(self, right: Any, result: Any) -> None:
         """Write the solution of (linearisation)^T result = right, zero on fixed unknowns, to `result`.
 
-        For direct solvers, and a form without condensation.
+        For direct solvers, and a form without condensation. What is solved for after the others is so before them here;
+        `right` is overwritten.
         """
         assert not self.form.condense
         assert not self._iterates
         with self._watch("solves"):
+            if not len(self._last):
+                result.data = self._inverse.T * right
+                return
+            values, (others, these) = right.FV().NumPy(), self._pairs
+            values[these] -= self._rate * values[others]
+            before = right.CreateVector()
+            before.data = self._inverse_of_last.T * right
+            values -= self._rows_of_last.T @ before.FV().NumPy()[self._last]
             result.data = self._inverse.T * right
+            result.data += before
 
     def _invert(self, right: Any, result: Any) -> None:
         if self._iterates:

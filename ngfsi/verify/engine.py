@@ -149,7 +149,7 @@ class Result:
     def write(self, folder: Path) -> None:
         """Store the result as JSON, and signals as CSV, in place of an older result."""
         folder.mkdir(parents=True, exist_ok=True)
-        for ending in ("csv", "png"):
+        for ending in ("csv", "png", "pdf"):
             for old in folder.glob(f"{self.name}-*.{ending}"):
                 old.unlink()
         for series, signals in self.signals.items():

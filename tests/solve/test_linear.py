@@ -85,6 +85,22 @@ def test_the_mesh_motion_may_come_last(monkeypatch: pytest.MonkeyPatch) -> None:
         assert np.linalg.norm(error) < 1e-6 * np.linalg.norm(block(lively, row, residual)[rows]), row
 
 
+def test_transposed_with_the_mesh_motion_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A solution times any vector is the other right side times the transposed solution."""
+    monkeypatch.setattr(factorisation_module, "WORTH", 0.0)
+    lively = system_of(case_of())
+    randomise(lively)
+    unknowns = lively.unknowns
+    solver = factors(lively, choose_backend("auto"), Last(unknowns.blocks["e"], unknowns.blocks["w"], lambda: 3.0))
+    solver.renew(lively.state.vec)
+    right, other, solution, transposed = (lively.state.vec.CreateVector() for _ in range(4))
+    one, two = np.random.default_rng(3).normal(size=(2, unknowns.size)) * unknowns.free()
+    right.FV().NumPy()[:], other.FV().NumPy()[:] = one, two
+    solver.solve(right, solution)
+    solver.solve_transposed(other, transposed)
+    assert two @ solution.FV().NumPy() == pytest.approx(one @ transposed.FV().NumPy(), rel=1e-8, abs=0)
+
+
 @needs_pardiso
 def test_backends_agree() -> None:
     system = system_of(case_of())
