@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from math import nan, sqrt
-from typing import Any
+from typing import Any, TypeAlias
 
 from ngfsi import registry
 from ngfsi.case.geometries import GROUP
@@ -22,26 +22,31 @@ KEY = "format"
 PATTERN = r"^\d{1,3}\.\d{1,3}$"
 BEFORE = "0.0"
 """Of files from before formats were numbered."""
-MIGRATE = "`ngfsi migrate FILE`"
 SOURCE_WALL = "vein_wall_source"
+
+
+def reason_not_known(written: Any) -> str:
+    """Return why a format is not known here, or nothing if it is."""
+    if not isinstance(written, str) or not re.match(PATTERN, written):
+        return f'is {written!r}: write two numbers in quotes, as in {KEY} = "{FORMAT}"'
+    if _numbers(written) > _numbers(FORMAT):
+        return f"is '{written}', and this ngfsi reads '{FORMAT}': install a newer one"
+    return ""
 
 
 def reason_not_read(written: Any) -> str:
     """Return why a file of a format is not read, or nothing if it is."""
-    if not isinstance(written, str) or not re.match(PATTERN, written):
-        return f'is {written!r}: write two numbers in quotes, as in {KEY} = "{FORMAT}"'
-    found, known = _numbers(written), _numbers(FORMAT)
-    if found > known:
-        return f"is '{written}', and this ngfsi reads '{FORMAT}': install a newer one"
-    if found[0] < known[0]:
-        return f"is '{written}', and this ngfsi reads '{FORMAT}': {MIGRATE} writes the case anew"
+    if reason := reason_not_known(written):
+        return reason
+    if _numbers(written)[0] < _numbers(FORMAT)[0]:
+        return f"is '{written}', and this ngfsi reads '{FORMAT}': `ngfsi migrate FILE` writes the case anew"
     return ""
 
 
 def is_older(case: dict[str, Any]) -> bool:
     """Whether a case that does not name its format holds what no present one does."""
     case = deepcopy(case)
-    return any([*step(case)] for step in (_geometries_by_name, _ratio_of_axes, _smoothing))
+    return any([*step(case)] for step in KEYS_THAT_ARE_GONE)
 
 
 def _numbers(written: str) -> tuple[int, ...]:
@@ -64,7 +69,7 @@ def migrated(text: str) -> tuple[str, list[str]]:
     written = case.unwrap().get(KEY, BEFORE)
     if written == FORMAT:
         return text, []
-    if (reason := reason_not_read(written)) and MIGRATE not in reason:
+    if reason := reason_not_known(written):
         raise CaseError(f"'{KEY}' {reason}")
     said = [sentence for major, step in STEPS if _numbers(written)[0] < major for sentence in step(case)]
     if KEY in case:
@@ -127,10 +132,8 @@ def _wall_of_the_source(case: Any) -> Iterator[str]:
             )
 
 
-STEPS: tuple[tuple[int, Callable[[Any], Iterator[str]]], ...] = (
-    (1, _geometries_by_name),
-    (1, _ratio_of_axes),
-    (1, _smoothing),
-    (1, _wall_of_the_source),
-)
+Step: TypeAlias = Callable[[Any], Iterator[str]]
+KEYS_THAT_ARE_GONE: tuple[Step, ...] = (_geometries_by_name, _ratio_of_axes, _smoothing)
+"""Steps that change nothing in a case of the present format, and so tell an older one."""
+STEPS: tuple[tuple[int, Step], ...] = (*((1, step) for step in KEYS_THAT_ARE_GONE), (1, _wall_of_the_source))
 """The first number of the format that a step leads to, and the step, which changes the case and says how."""
