@@ -418,10 +418,14 @@ class Case(ConfigModel):
         return tomli_w.dumps(self.to_toml_dict())
 
     @property
+    def content(self) -> dict[str, Any]:
+        """Everything but name and format: equal for cases that must give equal results."""
+        return {key: value for key, value in self.to_toml_dict().items() if key not in ("name", FORMAT_KEY)}
+
+    @property
     def digest(self) -> str:
-        """SHA-256 of the content without name and format: equal for cases that must give equal results."""
-        content = {key: value for key, value in self.to_toml_dict().items() if key not in ("name", FORMAT_KEY)}
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        """SHA-256 of the content."""
+        return hashlib.sha256(json.dumps(self.content, sort_keys=True).encode()).hexdigest()
 
 
 def _place_files(data: Any, folder: Path) -> None:

@@ -110,9 +110,8 @@ def finished(case: Case, folder: Path, **how: Any) -> StoredRun:
 
 
 def _checkpoints(case: Case, folder: Path, backend: str) -> Checkpoints:
-    content = {key: value for key, value in case.to_toml_dict().items() if key != "name"}
     programs = {name: versions()[name] for name in ("ngfsi", "ngsolve")}
-    return Checkpoints(folder / CHECKPOINTS, {"case": content, "version": programs, "linear_solver": backend})
+    return Checkpoints(folder / CHECKPOINTS, {"case": case.content, "version": programs, "linear_solver": backend})
 
 
 def _finished(computation: Computation, quiet: bool, max_wall: float | None, resumed_by: str) -> StoredRun:
