@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -681,13 +680,14 @@ def _followed(
         compute(quiet=quiet, max_wall=max_wall)
         return folder
     from ngfsi.report import terminal
+    from ngfsi.run.interrupts import time_left
 
-    began = perf_counter()
+    left = time_left(max_wall)
     further = f"{f' --refine {refine}' if refine else ''}{' --error' if error else ''}"
     resumed_by = f"ngfsi resume {folder}{further}"
 
     def how() -> dict[str, Any]:
-        return {"quiet": quiet, "max_wall": None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))}
+        return {"quiet": quiet, "max_wall": left()}
 
     found = compute(resumed_by=resumed_by, **how())
     if refine:

@@ -12,7 +12,6 @@ that is between (docs/theory.md, "Estimated errors").
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import Any, TypeAlias
 
 import ngsolve as ng
@@ -26,6 +25,7 @@ from ngfsi.measure.quantities import columns as columns_of
 from ngfsi.mesh.domain import Domain
 from ngfsi.run.computation import finished, fitting_backend
 from ngfsi.run.finer import Finer, has_finer
+from ngfsi.run.interrupts import time_left
 from ngfsi.solve.initial import Say, initial_state, silent
 from ngfsi.solve.newton import Newton
 from ngfsi.store.folder import ERRORS
@@ -81,15 +81,14 @@ def estimate(
         OutputError: the run has no vessel, or no error could be estimated.
         StoppedError, Interrupted: as of `run`; to be gone on with by the same call.
     """
-    began = perf_counter()
+    left = time_left(max_wall)
     if not _columns(found):
         raise OutputError(f"the run '{found.case.name}' has none of {', '.join(QUANTITIES)}: no error can be estimated")
     errors, failures = dict[str, Errors](), list[str]()
     command = resumed_by or f"ngfsi resume {found.path} --error"
 
     def compared(name: str, over: float = 1.0) -> Errors:
-        left = None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))
-        return differences(found, companion(found, name, quiet=quiet, max_wall=left, resumed_by=command), over)
+        return differences(found, companion(found, name, quiet=quiet, max_wall=left(), resumed_by=command), over)
 
     for name in reversed(companions(found.case)):  # what can be gone on with comes first
         try:

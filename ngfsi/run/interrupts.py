@@ -8,6 +8,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
 from types import FrameType
@@ -16,6 +17,12 @@ from typing import Any, Self
 from ngfsi.errors import Interrupted, StoppedError
 
 SIGNALS = {signal.SIGINT: "by Ctrl-C", signal.SIGTERM: "by SIGTERM"}
+
+
+def time_left(max_wall: float | None) -> Callable[[], float | None]:
+    """Return what tells how many of the seconds on the clock, from now on, are left; None: there is no limit."""
+    began = perf_counter()
+    return lambda: None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))
 
 
 class Stops:

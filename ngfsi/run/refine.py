@@ -9,7 +9,6 @@ geometry has it) with the largest shares, which have `MARKED` of the sum togethe
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import Any
 
 import ngsolve as ng
@@ -25,6 +24,7 @@ from ngfsi.mesh.geometry import Refinable
 from ngfsi.physics.fields import MOTION, VELOCITY
 from ngfsi.run.computation import finished
 from ngfsi.run.estimate import companion
+from ngfsi.run.interrupts import time_left
 from ngfsi.solve.initial import Say, silent
 from ngfsi.store.folder import CASE
 from ngfsi.store.stored import StoredRun
@@ -64,13 +64,11 @@ def refine(
         OutputError: the unknowns at the run's end are not stored, or those of its companion are the same.
         MeshError, SolverError, StoppedError, Interrupted: as of `run`.
     """
-    began = perf_counter()
-    home = found.path
+    left, home = time_left(max_wall), found.path
     runs: list[StoredRun] = []
 
     def how() -> dict[str, Any]:
-        left = None if max_wall is None else max(0.0, max_wall - (perf_counter() - began))
-        return {"quiet": quiet, "resumed_by": resumed_by, "max_wall": left}
+        return {"quiet": quiet, "resumed_by": resumed_by, "max_wall": left()}
 
     for number in range(1, times + 1):
         other = companion(found, "space", **how())
