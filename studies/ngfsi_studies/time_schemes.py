@@ -33,7 +33,7 @@ from ngfsi_studies.ramp_shape import SHAPES
 class Level(NamedTuple):
     """What is computed: mesh as of a level of compare_tissues.py, end (s), steps (s) by scheme, tolerances of the
     schemes that choose their steps, the step (s) of the reference, the distance (s) of the times of comparison, and
-    tolerances of Newton's method by scheme that are not the usual one."""
+    tolerances of Newton's method by scheme that are not the usual one, which the reference has."""
 
     mesh: compare_tissues.Level
     end: float
@@ -51,12 +51,8 @@ LEVELS = {
         {"esdirk3": (0.3, 0.1, 0.03)}, 0.002,
     ),
     "paper": Level(
-        compare_tissues.LEVELS["demo"], 0.2, {"bdf2": (0.01, 0.005, 0.0025), "esdirk3": (0.02, 0.01, 0.005)},
-        {}, 0.005,
-    ),
-    "whole": Level(
-        compare_tissues.COARSE, compare_tissues.LEVELS["paper"].end,
-        {"bdf2": (0.01, 0.005), "sdirk4": (0.03,)}, {}, 0.005, 0.03, {"sdirk4": 1e-4},
+        compare_tissues.LEVELS["paper"], compare_tissues.LEVELS["paper"].end,
+        {"bdf2": (0.01, 0.005), "sdirk4": (0.03, 0.015)}, {}, 0.005, 0.03, {"sdirk4": 1e-4},
     ),
 }  # fmt: skip
 
@@ -87,9 +83,14 @@ class Point:
         return self.scheme if self.tolerance is None else f"{self.scheme}, own steps"
 
 
+def reference_of(shape: str, level: Level) -> Point:
+    """Return the run with which those of a shape are compared."""
+    return Point(shape, "sdirk4", level.reference)
+
+
 def points(level: Level) -> list[Point]:
     """Return all runs, the references first."""
-    found = [Point(shape, "sdirk4", level.reference) for shape in SHAPES]
+    found = [reference_of(shape, level) for shape in SHAPES]
     for shape in SHAPES:
         found += [Point(shape, scheme, step) for scheme, steps in level.steps.items() for step in steps]
         found += [
@@ -103,7 +104,8 @@ def case(point: Point, level: Level) -> Case:
     plain = compare_tissues.case("m_s1", level.mesh)
     return plain.replace(**{
         "name": point.key,
-        "solver.tolerance": level.newton.get(point.scheme, plain.solver.tolerance),
+        "solver.tolerance": plain.solver.tolerance if point == reference_of(point.shape, level) else
+        level.newton.get(point.scheme, plain.solver.tolerance),
         "loads.skin_pressure": SHAPES[point.shape](final=25 * MMHG, duration=1.0),
         "time.scheme": point.scheme,
         "time.step": point.step,
@@ -185,13 +187,10 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
     """Write report.md, results.csv and the figures from what became of the runs, and return the report's path."""
     chosen = LEVELS[level]
     done = {key: one.run for key, one in outcomes.items() if one.run is not None and not one.failure}
-    references = {shape: done.get(Point(shape, "sdirk4", chosen.reference).key) for shape in SHAPES}
     results = [
-        result(point, done[point.key], reference, chosen.shown, done.get(point.doubled.key))
+        result(point, done[point.key], done[exact.key], chosen.shown, done.get(point.doubled.key))
         for point in points(chosen)
-        if point.key in done
-        and (reference := references[point.shape]) is not None
-        and point != Point(point.shape, "sdirk4", chosen.reference)
+        if point.key in done and (exact := reference_of(point.shape, chosen)).key in done and point != exact
     ]
     if results:
         write_rows(folder / "results.csv", [asdict(one) for one in results])
