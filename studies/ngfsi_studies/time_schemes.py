@@ -52,7 +52,7 @@ LEVELS = {
     ),
     "paper": Level(
         compare_tissues.LEVELS["paper"], compare_tissues.LEVELS["paper"].end,
-        {"bdf2": (0.01, 0.005), "sdirk4": (0.03, 0.015)}, {}, 0.005, 0.03, {"sdirk4": 1e-4},
+        {"bdf2": (0.01, 0.005), "sdirk4": (0.05, 0.025, 0.0125)}, {}, 0.005, 0.05, {"sdirk4": 1e-4},
     ),
 }  # fmt: skip
 
