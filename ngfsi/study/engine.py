@@ -55,12 +55,6 @@ class Outcome:
     reused: bool = False
 
 
-def failed(outcomes: Mapping[str, Outcome]) -> list[str]:
-    """Return the section of a report that says which runs failed, and why; nothing if none did."""
-    failures = [f"- {key}: {outcome.failure}" for key, outcome in outcomes.items() if outcome.failure]
-    return ["## Failed\n", "\n".join(failures) + "\n"] if failures else []
-
-
 def run_cases(
     cases: Mapping[str, Case], folder: Path, *, processes: int = 2, quiet: bool = False,
     executor: Executor | None = None,

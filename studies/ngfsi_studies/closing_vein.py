@@ -30,10 +30,9 @@ from ngfsi.materials import load_set
 from ngfsi.report.render import animation
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import Outcome, failed, run_cases
+from ngfsi.study import Outcome, run_cases, write_page
 from ngfsi.study.design import sobol
 from ngfsi.units import MMHG, Shown, from_si
 from ngfsi_studies import compare_tissues
@@ -386,12 +385,8 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         *(["## All factors at once\n", spread(list(at_once.values()))] if at_once else []),
         "## What others measured\n", comparison(results),
         "## Cost of contact\n", cost({key: run for key, run in done.items() if key.endswith("-closing")}),
-        *failed(outcomes),
-        f"## To repeat it\n\n    ngfsi study closing_vein --level {level}\n",
     ]  # fmt: skip
-    path = folder / "report.md"
-    replace_file(path, "\n".join(parts).encode())
-    return path
+    return write_page(folder, "closing_vein", level, parts, outcomes)
 
 
 def numerical_changes(results: Mapping[str, Result], name: str) -> dict[str, float]:

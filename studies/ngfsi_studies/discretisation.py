@@ -6,7 +6,7 @@ is held against one run with many more unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,9 +16,8 @@ from ngfsi.case import Case
 from ngfsi.errors import NgfsiError
 from ngfsi.report.figures import Convergence, convergence
 from ngfsi.report.tables import markdown_table
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun, mean_over_steps
-from ngfsi.study import Study, run_study
+from ngfsi.study import Study, run_study, write_page
 from ngfsi.units import Shown, from_si, in_unit
 from ngfsi_studies.compare_tissues import LEVELS, MAIN, case, mesh
 
@@ -119,9 +118,7 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     panels = {TITLES[name]: drawn for name, drawn in lines.items()}
     convergence(panels, folder / FIGURE, (Shown("CPU time of a run, one thread", "s"), Shown("error", "percent")),
                 {TITLES[name]: WANTED[name] for name in TITLES})  # fmt: skip
-    path = folder / "report.md"
-    replace_file(path, _text(level, results.table, errors, reference).encode())
-    return path
+    return write_page(folder, "discretisation", level, _text(level, results.table, errors, reference))
 
 
 def _key(family: Family, size: float) -> str:
@@ -134,7 +131,7 @@ def errors_of(row: Mapping[str, float], reference: Mapping[str, float]) -> dict[
 
 
 def _text(level: str, table: Mapping[str, Mapping[str, float]], errors: Mapping[str, Mapping[str, float]],
-          reference: str) -> str:  # fmt: skip
+          reference: str) -> Sequence[str]:  # fmt: skip
     head = ("elements", "unknowns", "CPU (s)", "memory (MB)", "area (mm2)", "error (%)", "loss (%)", "error (%)",
             "SAWSS (Pa)", "error (%)", "largest wall shear (Pa)", "error (%)")  # fmt: skip
     rows = []
@@ -143,19 +140,16 @@ def _text(level: str, table: Mapping[str, Mapping[str, float]], errors: Mapping[
         rows.append((key, f"{row['unknowns']:,.0f}", f"{row['cpu_s']:.1f}", f"{row['peak_memory_MB']:.0f}",
                      f"{row['lumen_area_mm2']:.3f}", off[0], f"{row['loss_percent']:.3f}", off[1],
                      f"{row['sawss_Pa']:.5f}", off[2], f"{row['wss_max_Pa']:.5f}", off[3]))  # fmt: skip
-    return "\n".join(
-        (
-            f"# Elements for the calf, level `{level}`\n",
-            answer(table, errors) + "\n",
-            f"![errors over time]({FIGURE})\n",
-            f"M tissue under 25 mmHg in {STEPS} steps of 0.1 s, the same for all, so that they differ by their error "
-            "in space alone. Area and loss are those at the end of the ramp, SAWSS and the largest wall shear means "
-            "over the ramp; errors are distances "
-            f"from {reference} (no errors in its row). Size 1 is 25 mm in the tissue and 3.2 mm at the vein; `layers` "
-            "are elements thin at the wall of the lumen. CPU times are of the whole process with one thread.\n",
-            markdown_table(head, rows),
-            f"To repeat it: `ngfsi study discretisation --level {level}`\n",
-        )
+    return (
+        f"# Elements for the calf, level `{level}`\n",
+        answer(table, errors) + "\n",
+        f"![errors over time]({FIGURE})\n",
+        f"M tissue under 25 mmHg in {STEPS} steps of 0.1 s, the same for all, so that they differ by their error "
+        "in space alone. Area and loss are those at the end of the ramp, SAWSS and the largest wall shear means "
+        "over the ramp; errors are distances "
+        f"from {reference} (no errors in its row). Size 1 is 25 mm in the tissue and 3.2 mm at the vein; `layers` "
+        "are elements thin at the wall of the lumen. CPU times are of the whole process with one thread.\n",
+        markdown_table(head, rows),
     )
 
 

@@ -23,9 +23,8 @@ from ngfsi.case import Case
 from ngfsi.config.functions import FlowConstant
 from ngfsi.report.figures import stacked_bars
 from ngfsi.report.tables import markdown_table
-from ngfsi.store.disk import replace_file
 from ngfsi.store.table import write_rows
-from ngfsi.study import Outcome, failed, run_cases
+from ngfsi.study import Outcome, run_cases, write_page
 from ngfsi.units import Shown, from_si, in_unit, to_si
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
@@ -135,12 +134,8 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         f"subject {tables('compare_tissues')['subject']} scaled by the areas of model and images.\n",
         "## Numerical error\n",
         _errors(shown),
-        *failed(outcomes),
-        f"## To repeat it\n\n    ngfsi study flow_rate --level {level}\n",
     ]
-    path = folder / "report.md"
-    replace_file(path, "\n".join(parts).encode())
-    return path
+    return write_page(folder, "flow_rate", level, parts, outcomes)
 
 
 def _row(point: Point, finding: Finding) -> dict[str, float | str]:

@@ -5,7 +5,7 @@ Held against the highest; beside the error that the elements themselves have, of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,8 @@ from ngfsi.case import Case
 from ngfsi.errors import NgfsiError
 from ngfsi.report.figures import Convergence, convergence
 from ngfsi.report.tables import markdown_table
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import Columns, mean_over_steps
-from ngfsi.study import Study, run_study
+from ngfsi.study import Study, run_study, write_page
 from ngfsi.units import Shown
 from ngfsi_studies.discretisation import COLUMNS, Family, ramp
 
@@ -81,9 +80,7 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     convergence({TITLES[name]: drawn for name, drawn in lines.items()}, folder / FIGURE,
                 (Shown("CPU time of a run, one thread", "s"), Shown("relative change", "1")),
                 {TITLES[name]: WANTED[name] for name in TITLES})  # fmt: skip
-    path = folder / "report.md"
-    replace_file(path, _text(level, results.table, found).encode())
-    return path
+    return write_page(folder, "integration", level, _text(results.table, found))
 
 
 def _key(family: Family, extra: int) -> str:
@@ -107,18 +104,15 @@ def answer(table: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping
     return f"{said}; rules that count as exact take {cost:.1f} times as long ({exact[0]})."
 
 
-def _text(level: str, table: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping[str, float]]) -> str:
+def _text(table: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping[str, float]]) -> Sequence[str]:
     rows = [(key, f"{table[key]['cpu_s']:.1f}", *(f"{changes[name]:.1e}" for name in TITLES))
             for key, changes in found.items()]  # fmt: skip
-    return "\n".join(
-        (
-            "# Integration orders for the calf\n",
-            f"![changes over time]({FIGURE})\n",
-            "M tissue under 25 mmHg in ten steps; `+n` are rules of an order n higher than the usual 2 k in the solids "
-            f"and 2 k + 1 in the blood. Changes are distances from `+{EXTRA[-1]}`, relative, on the same elements; "
-            "dotted: what would count as exact.\n",
-            answer(table, found) + "\n",
-            markdown_table(("elements and rules", "CPU (s)", *TITLES.values()), rows),
-            f"To repeat it: `ngfsi study integration --level {level}`\n",
-        )
+    return (
+        "# Integration orders for the calf\n",
+        f"![changes over time]({FIGURE})\n",
+        "M tissue under 25 mmHg in ten steps; `+n` are rules of an order n higher than the usual 2 k in the solids "
+        f"and 2 k + 1 in the blood. Changes are distances from `+{EXTRA[-1]}`, relative, on the same elements; "
+        "dotted: what would count as exact.\n",
+        answer(table, found) + "\n",
+        markdown_table(("elements and rules", "CPU (s)", *TITLES.values()), rows),
     )

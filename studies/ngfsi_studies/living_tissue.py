@@ -28,10 +28,9 @@ from ngfsi.materials.solid.viscosity import SolidViscosity
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.run.estimate import companions
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import Outcome, failed, run_cases
+from ngfsi.study import Outcome, run_cases, write_page
 from ngfsi.units import MMHG, Shown
 from ngfsi_studies import closing_vein, compare_tissues
 from ngfsi_studies.figures import Line, lines
@@ -293,11 +292,8 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         "Those of others are taken to be the same in proportion. That of a change is its difference to the change "
         "among companions. Twice the step damps the swing as a viscosity does: its "
         "size is unsure, what a viscosity makes of it is seen on equal steps.\n",
-        *failed(outcomes), f"## To repeat it\n\n    ngfsi study living_tissue --level {level}\n",
     ]  # fmt: skip
-    path = folder / "report.md"
-    replace_file(path, "\n".join(parts).encode())
-    return path
+    return write_page(folder, "living_tissue", level, parts, outcomes)
 
 
 def with_error(value: float, relative: float | None, scale: float = 1.0) -> str:

@@ -19,10 +19,9 @@ from ngfsi.case import Case, Cuff
 from ngfsi.config.functions import PressureConstant, PressureRamp
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import failed, run_cases
+from ngfsi.study import run_cases, write_page
 from ngfsi.transport.models import Washout
 from ngfsi.units import MMHG, Shown, in_unit
 from ngfsi_studies import closing_vein
@@ -181,11 +180,8 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
         f"the full pressure is held for {HOLD:g} s. Velocity: mean over the outlet. The blood that the vein holds at "
         "rest is marked and followed (`washout`): what stays of it, with what has come from upstream, fills the volume "
         "that is left.\n",
-        *failed(outcomes),
-        f"## To repeat it\n\n    ngfsi study pneumatic --level {level}\n",
     ]  # fmt: skip
-    path = folder / "report.md"
-    replace_file(path, "\n".join(parts).encode())
+    path = write_page(folder, "pneumatic", level, parts, outcomes)
     if not quiet:
         console().print(answer(results))
     return path

@@ -19,10 +19,9 @@ from ngfsi.case import Case
 from ngfsi.config.functions import PressureRamp, PressureSmoothRamp
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import Outcome, failed, run_cases
+from ngfsi.study import Outcome, run_cases, write_page
 from ngfsi.units import MMHG, SAME_TIME, Shown, in_unit
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
@@ -150,12 +149,8 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         f"Rises are against t = 0; mean: of the last {SWING:g} s; swing: half the distance between the largest and the "
         "smallest deviation of SAWSS from a cubic through that time, over SAWSS at t = 0. Printed by the source: "
         f"{_printed()} %.\n",
-        *failed(outcomes),
-        f"## To repeat it\n\n    ngfsi study ramp_shape --level {level}\n",
     ]
-    path = folder / "report.md"
-    replace_file(path, "\n".join(parts).encode())
-    return path
+    return write_page(folder, "ramp_shape", level, parts, outcomes)
 
 
 def _printed() -> str:

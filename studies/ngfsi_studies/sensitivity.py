@@ -18,10 +18,9 @@ from ngfsi.case import Case
 from ngfsi.errors import NgfsiError
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import Results, Study, run_study
+from ngfsi.study import Results, Study, run_study, write_page
 from ngfsi.study.design import STEP, Design, Indices, indices, morris, whole_trajectories
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Effects, elementary_effects
@@ -175,8 +174,7 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     write_rows(folder / "effects.csv", _rows(found))
     elementary_effects({f"{r.title} [{_axis(r.unit)}]": _effects(found[name]) for name, r in RESULTS.items()},
                        folder / "effects.png")  # fmt: skip
-    path = folder / "report.md"
-    replace_file(path, _text(level, design, results, found, errors, outside).encode())
+    path = write_page(folder, "sensitivity", level, _text(level, design, results, found, errors, outside))
     if not quiet:
         console().print("\n".join(answer(RESULTS[name], found[name]) for name in RESULTS))
     return path
@@ -288,37 +286,34 @@ def _listed(words: Sequence[str]) -> str:
 
 def _text(
     level: str, design: Design, results: Results, found: Mapping[str, Indices], errors: Sequence[Error], outside: str
-) -> str:  # fmt: skip
+) -> Sequence[str]:  # fmt: skip
     number = len(design.points) // (len(FACTORS) + 1)
-    return "\n".join(
-        (
-            f"# What decides the compression of a deep vein, level `{level}`\n",
-            *(f"- {answer(RESULTS[name], i)}" for name, i in found.items()),
-            f"\n{len(results.table)} of {len(results.outcomes)} runs, {number} trajectories through {len(FACTORS)} "
-            "factors (Morris 1991): a step along one factor changes the result by an elementary effect; mu* is the "
-            "mean of its absolute value, for a step over the whole range or from one choice to the other, with the "
-            "95 % confidence of a bootstrap over the trajectories; sigma is its standard deviation: a factor whose "
-            "sigma is near its mu* acts nonlinearly or through others. Results are those at the end of the ramp to "
-            f"25 mmHg within 1 s, loss and rise against t = 0; SAWSS is the mean of the last {SWING:g} s.\n",
-            "![mu* with confidence, and sigma over mu*](effects.png)\n",
-            _table(found),
-            "## Ranges\n",
-            markdown_table(
-                ("factor", "range", "why"), [(f.title, f.span, f.source) for f in FACTORS]
-            ),
-            "The effects are those of these ranges: half of the range of a factor that acts linearly has half of the "
-            "effect.\n",
-            "## Bulk moduli outside of the range\n",
-            "What is said above of the bulk modulus holds within the range of the source's subjects. For another "
-            "group's work larger ones are quoted, with which the base gives\n",
-            outside,
-            "## How wrong are these runs?\n",
-            _error_table(errors),
-            "Every run of the study has the coarse mesh and steps in the columns `study`; `reference` is the next "
-            "finer level of `compare_tissues`. An error that all runs share drops out of the effects.\n",
-            "All runs: [runs.csv](runs.csv), [runs.md](runs.md). Effects: [effects.csv](effects.csv).\n",
-            f"To repeat it: `ngfsi study sensitivity --level {level}`\n",
-        )
+    return (
+        f"# What decides the compression of a deep vein, level `{level}`\n",
+        *(f"- {answer(RESULTS[name], i)}" for name, i in found.items()),
+        f"\n{len(results.table)} of {len(results.outcomes)} runs, {number} trajectories through {len(FACTORS)} "
+        "factors (Morris 1991): a step along one factor changes the result by an elementary effect; mu* is the "
+        "mean of its absolute value, for a step over the whole range or from one choice to the other, with the "
+        "95 % confidence of a bootstrap over the trajectories; sigma is its standard deviation: a factor whose "
+        "sigma is near its mu* acts nonlinearly or through others. Results are those at the end of the ramp to "
+        f"25 mmHg within 1 s, loss and rise against t = 0; SAWSS is the mean of the last {SWING:g} s.\n",
+        "![mu* with confidence, and sigma over mu*](effects.png)\n",
+        _table(found),
+        "## Ranges\n",
+        markdown_table(
+            ("factor", "range", "why"), [(f.title, f.span, f.source) for f in FACTORS]
+        ),
+        "The effects are those of these ranges: half of the range of a factor that acts linearly has half of the "
+        "effect.\n",
+        "## Bulk moduli outside of the range\n",
+        "What is said above of the bulk modulus holds within the range of the source's subjects. For another "
+        "group's work larger ones are quoted, with which the base gives\n",
+        outside,
+        "## How wrong are these runs?\n",
+        _error_table(errors),
+        "Every run of the study has the coarse mesh and steps in the columns `study`; `reference` is the next "
+        "finer level of `compare_tissues`. An error that all runs share drops out of the effects.\n",
+        "All runs: [runs.csv](runs.csv), [runs.md](runs.md). Effects: [effects.csv](effects.csv).\n",
     )  # fmt: skip
 
 

@@ -23,10 +23,9 @@ from ngfsi.materials import load_set
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.run.estimate import companions
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import failed, run_cases
+from ngfsi.study import run_cases, write_page
 from ngfsi.transport.models import Age, Exposure, Washout
 from ngfsi.units import MMHG, Shown, in_unit
 from ngfsi_studies import closing_vein, pneumatic
@@ -187,11 +186,8 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
         "the outer half of one leaflet. Karino and Motomiya (1984) saw a vortex behind the edge of each leaflet and a "
         "second one deeper in the pocket, so slow that cells gather there; the test of the geometry finds both "
         "(tests/geometry/test_valve.py).\n",
-        *failed(outcomes),
-        f"## To repeat it\n\n    ngfsi study stasis --level {level}\n",
     ]  # fmt: skip
-    path = folder / "report.md"
-    replace_file(path, "\n".join(parts).encode())
+    path = write_page(folder, "stasis", level, parts, outcomes)
     if not quiet:
         console().print(answer(results, pockets))
     return path

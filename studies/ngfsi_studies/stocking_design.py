@@ -8,7 +8,7 @@ A surrogate through runs on a coarse mesh finds the best, which are then compute
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import pi
 from pathlib import Path
@@ -26,10 +26,9 @@ from ngfsi.measure.shear_history import within
 from ngfsi.mesh.domain import Domain
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import Results, Study, run_study
+from ngfsi.study import Results, Study, run_study, write_page
 from ngfsi.study.design import Design, sobol
 from ngfsi.study.surrogate import Surrogate
 from ngfsi.units import MMHG, Shown, from_si, in_unit, to_si
@@ -254,8 +253,7 @@ def study(level: str, folder: Path, quiet: bool = False) -> Path:
     found = Found(chosen, surrogate, compared, coarse, fine)
     _draw(found, folder)
     write_rows(folder / "ranking.csv", found.rows())
-    path = folder / "report.md"
-    replace_file(path, _text(level, found, results).encode())
+    path = write_page(folder, "stocking_design", level, _text(level, found, results))
     if not quiet:
         console().print(_answer(found))
     return path
@@ -404,56 +402,53 @@ def _answer(found: Found) -> str:
     return text
 
 
-def _text(level: str, found: Found, results: Results) -> str:
+def _text(level: str, found: Found, results: Results) -> Sequence[str]:
     said, deviation = found.surrogate.left_out()
     values = found.surrogate.values
     q2 = 1 - np.sum((values - said) ** 2) / np.sum((values - values.mean()) ** 2)
     inside = np.mean(np.abs(values - said) < 2 * deviation)
     chosen = found.level
-    return "\n".join(
-        (
-            f"# Pressure profiles of a stocking, level `{level}`\n",
-            _answer(found) + "\n",
-            _table(found),
-            f"Mean pressure over skin and cycle: {in_unit(BOUND, 'mmHg')} in all of them: what is bounded is "
-            "used up. TAWSS is the wall shear stress averaged around one of "
-            f"{STATIONS} sections of the vein and over a cycle of {PERIOD:g} s (the last of {CYCLES}); the least of "
-            "them is what is to be large. `least at any time` is the least without the average over time: it ranks "
-            "differently, for pulses stop the flow for a moment. Loss: the largest of any section and time against "
-            "the shape without loads. Tissue M, the inflow constant at "
-            f"{inferred_flow():.1f} ml/s (inferred, the source prints none): what a profile does to "
-            "the flow from below is not in the model.\n",
-            f"{CREDIT}\n",
-            "![least TAWSS by profile](ranking.png)\n",
-            "## Profiles\n",
-            "![pressure on the skin](profiles.png)\n",
-            "Above: mean over the cycle, over the angle around the segment (0° lateral, ±180° medial, -90° posterior; "
-            "the vein lies at -37°) and the height from the inlet. Below: pressure in the middle of each chamber on "
-            "the side that is pressed more.\n",
-            "![wall shear stress along the vein](along.png)\n",
-            "![outflow over a cycle](outflow.png)\n",
-            "Where the outflow is negative the vein refills through its outlet: the condition there takes out the "
-            "kinetic energy of what comes in (docs/theory.md), and lets it pass.\n",
-            "## Surrogate\n",
-            f"A Gaussian process (Matern 5/2, a length for each coordinate) through {len(values)} of "
-            f"{len(results.outcomes)} runs at points of Sobol's sequences in {', '.join(RANGES)}, one half of them at "
-            "rest. Its coordinates are the gradient, the part on one side times sine and cosine of its direction, and "
-            "the part in cycles times sine and cosine of the lag. Left out one by one, "
-            f"the runs are predicted with a root mean square error of {np.sqrt(np.mean((values - said) ** 2)):.2g} Pa "
-            f"(Q² = {q2:.3f}), {inside:.0%} of them within two standard deviations. The best {BEST} are its largest "
-            f"values among profiles that differ by {APART:g} in gradient, side or cycle, and under which no section "
-            f"loses more than {LARGEST_LOSS:.0%} of its area at any time, as a second surrogate says with two standard "
-            "deviations to spare. The largest values of all lie beyond: there the vein flattens until its wall's law "
-            "loses strong ellipticity, and they could not be confirmed on a finer mesh.\n",
-            "![surrogate over computed](surrogate.png)\n",
-            "## Errors\n",
-            f"The design has {chosen.runs.mesh.axial_layers} layers of coarse elements and {chosen.steps} steps in a "
-            f"cycle; the profiles compared were computed again with the mesh of a finer level of `compare_tissues` and "
-            f"{chosen.confirming_steps} steps. The column `coarse - confirmed` is the error of the former.\n",
-            "All runs: [design.md](design.md), [compared.md](compared.md), [confirmed.md](confirmed.md); numbers: "
-            "[ranking.csv](ranking.csv).\n",
-            f"To repeat it: `ngfsi study stocking_design --level {level}`\n",
-        )
+    return (
+        f"# Pressure profiles of a stocking, level `{level}`\n",
+        _answer(found) + "\n",
+        _table(found),
+        f"Mean pressure over skin and cycle: {in_unit(BOUND, 'mmHg')} in all of them: what is bounded is "
+        "used up. TAWSS is the wall shear stress averaged around one of "
+        f"{STATIONS} sections of the vein and over a cycle of {PERIOD:g} s (the last of {CYCLES}); the least of "
+        "them is what is to be large. `least at any time` is the least without the average over time: it ranks "
+        "differently, for pulses stop the flow for a moment. Loss: the largest of any section and time against "
+        "the shape without loads. Tissue M, the inflow constant at "
+        f"{inferred_flow():.1f} ml/s (inferred, the source prints none): what a profile does to "
+        "the flow from below is not in the model.\n",
+        f"{CREDIT}\n",
+        "![least TAWSS by profile](ranking.png)\n",
+        "## Profiles\n",
+        "![pressure on the skin](profiles.png)\n",
+        "Above: mean over the cycle, over the angle around the segment (0° lateral, ±180° medial, -90° posterior; "
+        "the vein lies at -37°) and the height from the inlet. Below: pressure in the middle of each chamber on "
+        "the side that is pressed more.\n",
+        "![wall shear stress along the vein](along.png)\n",
+        "![outflow over a cycle](outflow.png)\n",
+        "Where the outflow is negative the vein refills through its outlet: the condition there takes out the "
+        "kinetic energy of what comes in (docs/theory.md), and lets it pass.\n",
+        "## Surrogate\n",
+        f"A Gaussian process (Matern 5/2, a length for each coordinate) through {len(values)} of "
+        f"{len(results.outcomes)} runs at points of Sobol's sequences in {', '.join(RANGES)}, one half of them at "
+        "rest. Its coordinates are the gradient, the part on one side times sine and cosine of its direction, and "
+        "the part in cycles times sine and cosine of the lag. Left out one by one, "
+        f"the runs are predicted with a root mean square error of {np.sqrt(np.mean((values - said) ** 2)):.2g} Pa "
+        f"(Q² = {q2:.3f}), {inside:.0%} of them within two standard deviations. The best {BEST} are its largest "
+        f"values among profiles that differ by {APART:g} in gradient, side or cycle, and under which no section "
+        f"loses more than {LARGEST_LOSS:.0%} of its area at any time, as a second surrogate says with two standard "
+        "deviations to spare. The largest values of all lie beyond: there the vein flattens until its wall's law "
+        "loses strong ellipticity, and they could not be confirmed on a finer mesh.\n",
+        "![surrogate over computed](surrogate.png)\n",
+        "## Errors\n",
+        f"The design has {chosen.runs.mesh.axial_layers} layers of coarse elements and {chosen.steps} steps in a "
+        f"cycle; the profiles compared were computed again with the mesh of a finer level of `compare_tissues` and "
+        f"{chosen.confirming_steps} steps. The column `coarse - confirmed` is the error of the former.\n",
+        "All runs: [design.md](design.md), [compared.md](compared.md), [confirmed.md](confirmed.md); numbers: "
+        "[ranking.csv](ranking.csv).\n",
     )
 
 

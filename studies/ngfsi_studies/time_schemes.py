@@ -20,10 +20,9 @@ from ngfsi.case import Case
 from ngfsi.report.tables import markdown_table
 from ngfsi.report.terminal import console
 from ngfsi.run.estimate import differences, surplus
-from ngfsi.store.disk import replace_file
 from ngfsi.store.stored import StoredRun
 from ngfsi.store.table import write_rows
-from ngfsi.study import Outcome, failed, run_cases
+from ngfsi.study import Outcome, run_cases, write_page
 from ngfsi.units import MMHG, SAME_TIME, Shown
 from ngfsi_studies import compare_tissues
 from ngfsi_studies.figures import Line, lines
@@ -207,12 +206,8 @@ def write_report(level: str, folder: Path, outcomes: Mapping[str, Outcome]) -> P
         "![Largest error of SAWSS over iterations](sawss.png)\n",
         "![Largest error of the loss of volume over iterations](loss.png)\n",
         table(results),
-        *failed(outcomes),
-        f"## To repeat it\n\n    ngfsi study time_schemes --level {level}\n",
     ]
-    path = folder / "report.md"
-    replace_file(path, "\n".join(parts).encode())
-    return path
+    return write_page(folder, "time_schemes", level, parts, outcomes)
 
 
 def table(results: Sequence[Result]) -> str:
