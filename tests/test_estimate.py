@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ngfsi_geometry import templates
+from ngfsi_geometry.calf_section import SectionSizes
 from typer.testing import CliRunner
 
 import ngfsi.run.computation
@@ -85,6 +87,23 @@ def test_a_run_tells_its_errors(whole: tuple[Path, str], tmp_path: Path) -> None
         assert float(rows[name]["space_end_1"]) == pytest.approx(2 * change, rel=5e-2), name
     sawss = np.abs(own["sawss_Pa"][::2] - time["sawss_Pa"]) / own["sawss_Pa"].mean()
     assert float(rows["SAWSS"]["time_largest_1"]) == pytest.approx(sawss.max(), rel=1e-9)
+
+
+def test_a_plane_section_tells_the_error_of_its_loss_of_area(tmp_path: Path) -> None:
+    """Against order 4; and elements of order 3 find the state at 20 mmHg, far from that of their first factors."""
+    sizes = SectionSizes(far_size=25e-3, bone_size=14e-3, vein_size=5e-3, curving_order=3)
+    (tmp_path / "section.toml").write_text(templates.section())
+    section = Case.from_toml(tmp_path / "section.toml").replace(**{"geometry.mesh": sizes, "time.step": 0.5, "output.fields_every": 0})
+    found, exact = (
+        run(section.replace(**{"discretisation.order": order}), tmp_path / f"order_{order}", quiet=True)
+        for order in (2, 4)
+    )
+    (row,) = estimate(found, quiet=True)
+    lost, wanted = (1 - one.series["lumen_area_m2"][-1] / one.series["lumen_area_m2"][0] for one in (found, exact))
+    assert (row["quantity"], row["value"]) == ("loss of area", pytest.approx(lost, rel=1e-12))
+    error = abs(lost - wanted) / lost
+    assert error > 1e-3
+    assert 0.5 * error < float(row["space_end_1"]) < 3 * error
 
 
 def test_stopped_and_resumed(whole: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

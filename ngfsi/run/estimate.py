@@ -35,8 +35,9 @@ from ngfsi.system.schemes import STAGES
 from ngfsi.system.system import System
 from ngfsi.units import SAME_TIME, unit_of
 
-QUANTITIES = {"lumen_volume_m3": "loss of volume", "sawss_Pa": "SAWSS", "wss_max_Pa": "largest wall shear stress"}
-"""Ends of the columns whose errors are estimated, of each vessel; the volume's as that of its loss."""
+LOSSES = {"lumen_volume_m3": "loss of volume", "lumen_area_m2": "loss of area"}
+QUANTITIES = LOSSES | {"sawss_Pa": "SAWSS", "wss_max_Pa": "largest wall shear stress"}
+"""Ends of the columns whose errors are estimated, of each vessel; volume and area of plane sections as their losses."""
 TIMES_TOLERANCE = 8.0
 """Factor on the tolerance of the error of a step, of third order, whose size is doubled."""
 MORE = 2.0
@@ -174,7 +175,7 @@ def differences(found: StoredRun, other: StoredRun, over: float = 1.0) -> Errors
 
 
 def _is_loss(column: str) -> bool:
-    return column.endswith("lumen_volume_m3")
+    return column.endswith(tuple(LOSSES))
 
 
 def _size(column: str, found: StoredRun) -> float:
@@ -184,7 +185,7 @@ def _size(column: str, found: StoredRun) -> float:
 
 
 def _shown(column: str, found: StoredRun) -> Array:
-    """Return a column, of a volume the part that is lost since t = 0."""
+    """Return a column, of a volume or an area the part that is lost since t = 0."""
     values = np.asarray(found.series[column])
     return 1 - values / values[0] if _is_loss(column) else values
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ngfsi.errors import SolverError
 from ngfsi.run.computation import fitting_backend
 from ngfsi.solve.initial import NEWTON_STEPS
 from ngfsi.solve.newton import Newton
@@ -60,7 +61,11 @@ class Finer:
         for name, values in before.items():
             getattr(coarse, name).vec.FV().NumPy()[:] = values
         fine.new_weight.Set(0.0)
-        self._newton.solve(max(TOLERANCE, fine.case.solver.tolerance), NEWTON_STEPS)
+        tolerance = max(TOLERANCE, fine.case.solver.tolerance)
+        try:
+            self._newton.solve(tolerance, NEWTON_STEPS)
+        except SolverError:  # with factors of another time; those that failed are not kept
+            self._newton.solve(tolerance, NEWTON_STEPS)
 
     def _take_over(self, given: Any, taken: Any) -> None:
         """Write a function of the coarse space, which is one of the fine space, too."""
