@@ -93,7 +93,8 @@ def test_a_plane_section_tells_the_error_of_its_loss_of_area(tmp_path: Path) -> 
     """Against order 4; and elements of order 3 find the state at 20 mmHg, far from that of their first factors."""
     sizes = SectionSizes(far_size=25e-3, bone_size=14e-3, vein_size=5e-3, curving_order=3)
     (tmp_path / "section.toml").write_text(templates.section())
-    section = Case.from_toml(tmp_path / "section.toml").replace(**{"geometry.mesh": sizes, "time.step": 0.5, "output.fields_every": 0})
+    changes = {"geometry.mesh": sizes, "time.step": 0.5, "output.fields_every": 0}
+    section = Case.from_toml(tmp_path / "section.toml").replace(**changes)
     found, exact = (
         run(section.replace(**{"discretisation.order": order}), tmp_path / f"order_{order}", quiet=True)
         for order in (2, 4)
