@@ -5,9 +5,10 @@ rates and accelerations by the scheme's weights. The multipliers of a time solve
 
     (dR/dy)^T z = dQ/dy + what later times owe to y,
 
-and by the histories, -(dR/dh)^T z and -(dR/da)^T z, earlier times owe theirs. The factors are those of the run,
-transposed, and renewed when they are too old; an iteration on the exact product, which NGSolve differentiates (see
-`lagrangian`), makes up for their age, and for what the tangent of the run leaves out.
+and by the histories, -(dR/dh)^T z and -(dR/da)^T z, earlier times owe theirs. What solids remember is a function of
+the last accepted state and of what they remembered before, and so is what later times owe to it. The factors are those
+of the run, transposed, and renewed when they are too old; an iteration on the exact product, which NGSolve
+differentiates (see `lagrangian`), makes up for their age, and for what the tangent of the run leaves out.
 
 dR/dp is a central difference of the residual, of two systems whose case differs in p alone, at the states of the run.
 It costs no solution, is right to 1e-8, and needs nothing of a law or a condition: neither code nor a parameter of
@@ -42,8 +43,8 @@ from ngfsi.physics.integrals import Integral
 from ngfsi.solve.initial import Say, initial_state, relaxation_form, silent
 from ngfsi.solve.newton import WEIGHT_DRIFT, Newton
 from ngfsi.solve.time_loop import Solved, TimeLoop
-from ngfsi.system.schemes import STAGES, Weights
-from ngfsi.system.system import System
+from ngfsi.system.schemes import Weights
+from ngfsi.system.system import BEFORE, System
 from ngfsi.units import SAME_TIME
 
 TOLERANCE, OF_SOLIDS = 1e-9, 1e-12
@@ -63,9 +64,12 @@ AGREEMENT = 1e-4
 PROBE = 1e-5
 """Size of the change of the state by which they are compared, over the scales of its unknowns."""
 
-
+Remembered = dict[str, Array]
+"""What solids remember, by its name in snapshots of a system."""
 Owed = defaultdict[int, Array]
 """Number of a moment -> derivatives of what follows by its state, its rate and its acceleration."""
+OwedMemory = defaultdict[int, Remembered]
+"""Number of a moment -> derivatives of what follows by what solids remember of it, and by its state from then on."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +79,12 @@ class Moment(Solved):
     Attributes:
         histories: of velocity and acceleration, without the new state's part.
         accepted: whether the state is one of the run, which is measured.
+        start: number of the accepted moment with which its step began; None: it is the first of all.
     """
 
     histories: tuple[Array, Array]
     accepted: bool
+    start: int | None
 
     @property
     def rate(self) -> Array:
@@ -89,6 +95,16 @@ class Moment(Solved):
     def acceleration(self) -> Array:
         """The rates of the rates."""
         return self.new * self.rate + self.histories[1]
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """The derivatives of a number by the present state, by the histories and by what solids remember."""
+
+    state: Array | float
+    velocity: Array | float
+    acceleration: Array | float
+    memory: Remembered
 
 
 @dataclass(frozen=True)
@@ -177,9 +193,6 @@ def check_supported(case: Case) -> None:
     """
     if case.conditions.coupling == "one_way":
         raise CaseError('a gradient is of the whole coupled system: use conditions.coupling = "two_way"')
-    if case.time.scheme in STAGES and case.time.error_tolerance is not None:
-        raise CaseError(f"a gradient does not know the steps that time.scheme = '{case.time.scheme}' chooses: leave "
-                        "time.error_tolerance out")  # fmt: skip
 
 
 class StoredStates:
@@ -210,10 +223,6 @@ class StoredStates:
         tight = case.replace(**{"solver.tolerance": min(case.solver.tolerance, most)})
         self.case, self.domain = tight, domain
         self.system = system = Uncondensed(tight, domain)
-        for name, model in system.solids.items():
-            if model.state_arrays():
-                raise CaseError(f"a gradient does not know the internal variables of the solid '{name}', as those of "
-                                "materials.*.viscosity.moduli: leave them out; kelvin_voigt is known")  # fmt: skip
         self.measured = {name: measured(system, name) for name in quantities}
         linear = choose_backend(case.solver.linear)
         if BACKENDS[linear].iterates:
@@ -225,12 +234,22 @@ class StoredStates:
         system.prescribe()
         zero, kept = np.zeros(system.unknowns.size), self.vectors.kept
         start = kept(np.array([system.values, zero, zero]))
-        self.moments = [Moment(0.0, np.inf, 0.0, start[0], {}, (start[1], start[2]), accepted=True)]
-        loop = TimeLoop(tight, system, newton, Deformation(system).inversion, say)
-        for _ in loop.run():
-            last = len(self.moments) - 1
-            for one in loop.solved:
-                self._add(one, last, accepted=one is loop.solved[-1])
+        self.moments = [Moment(0.0, np.inf, 0.0, start[0], {}, (start[1], start[2]), accepted=True, start=None)]
+        self._first_memory, self._memories = self._remembered(), dict[int, Remembered]()
+        for _ in TimeLoop(tight, system, newton, Deformation(system).inversion, say, keep=self._keep).run():
+            pass
+
+    def _remembered(self) -> Remembered:
+        """Return what solids remember."""
+        return {f"model {name}.{key}": self.vectors.kept(array) for name, model in self.system.solids.items()
+                for key, array in model.state_arrays().items()}  # fmt: skip
+
+    def _keep(self, step: Sequence[Solved]) -> None:
+        """Keep what was solved in a step, and what solids remember since its start."""
+        last = len(self.moments) - 1
+        self._memories[last] = self._remembered()
+        for one in step:
+            self._add(one, last, accepted=one is step[-1])
 
     def _add(self, solved: Solved, last: int, *, accepted: bool) -> None:
         """Add what was solved after the accepted state `last`."""
@@ -244,7 +263,7 @@ class StoredStates:
                 acceleration += of_rate * moment.acceleration
         state, *histories = self.vectors.kept(np.array([solved.state, velocity, acceleration]))
         self.moments.append(
-            Moment(solved.time, solved.step, solved.new, state, earlier, (histories[0], histories[1]), accepted)
+            Moment(solved.time, solved.step, solved.new, state, earlier, (histories[0], histories[1]), accepted, last)
         )
 
     @property
@@ -275,7 +294,18 @@ class StoredStates:
         system.values[:] = moment.state
         if system.relaxation is not None:
             system.relaxation.vec.FV().NumPy()[:] = self.relaxation
+        system.remember(self.memory(number), self.before(number))
         system.prescribe()
+
+    def memory(self, number: int) -> Remembered:
+        """Return what solids remember when a moment is solved for."""
+        start = self.moments[number].start
+        return self._first_memory if start is None else self._memories[start]
+
+    def before(self, number: int) -> Array | float:
+        """Return the state that is the last accepted one when a moment is solved for."""
+        start = self.moments[number].start
+        return 0.0 if start is None else self.moments[start].state
 
 
 class Varied:
@@ -298,19 +328,23 @@ class Varied:
             return Residual(case, domain, elements=_elements_of(self.parameter.path[1], case, domain))
         return Acting(case, domain)
 
-    def slopes(self, number: int, multipliers: Array, owed: Array) -> float:
+    def slopes(self, number: int, multipliers: Array, owed: Array, memory: Remembered) -> float:
         """Return what a moment contributes to the derivative by the parameter, but for the quantity itself.
 
         Args:
             multipliers: of the equations.
             owed: derivative by the unknowns, of which those that are prescribed count.
+            memory: derivative by what solids remember from now on.
         """
         products, prescribed = [], ~self._run.free
         for system in self._pair:
             self._run.show(number, system)
             product = owed[prescribed] @ system.values[prescribed]
             system.values[:] = self._run.moments[number].state
-            products.append(product - multipliers @ system.unknowns.arranged(system.apply()))
+            product -= multipliers @ system.unknowns.arranged(system.apply())
+            if memory and not isinstance(system, Acting):
+                product += sum(memory[name] @ values for name, values in system.new_memory().items() if name in memory)
+            products.append(product)
         return float(products[0] - products[1]) / (2 * self.parameter.step)
 
     def measured_slope(self, number: int, name: str) -> float:
@@ -409,18 +443,20 @@ class Adjoint:
                 if slope:
                     slopes[number][name] = slope
         self._by_relaxation[:] = 0.0
+        remembered: OwedMemory = defaultdict(dict)
         # in motion factors of an early state are too old for the last: with weight 0 they count as such
         self._factored = 0.0
         owed: Owed = defaultdict(lambda: np.zeros((3, run.system.unknowns.size)))
         for number in reversed(range(len(run.moments))):
             prestressed = number == 0 and run.relaxation is not None
-            if not (slopes[number] or number in owed or prestressed):
+            memory = {name: part for name, part in remembered[number].items() if name != BEFORE}
+            if not (slopes[number] or number in owed or prestressed or any(map(np.any, remembered[number].values()))):
                 continue  # nothing measured depends on this state
             run.show(number)
-            multipliers, by_state = self._step(number, slopes[number], owed)
+            multipliers, by_state = self._step(number, slopes[number], owed, remembered)
             before = perf_counter()
             for place, one in enumerate(self._varied):
-                found[place] += one.slopes(number, multipliers, by_state)
+                found[place] += one.slopes(number, multipliers, by_state, memory)
                 for name, slope in slopes[number].items():
                     found[place] += slope * one.measured_slope(number, name)
             self.seconds += perf_counter() - before
@@ -439,10 +475,12 @@ class Adjoint:
         for name in quantities:
             self.run.show(number)
             owed: Owed = defaultdict(lambda: np.zeros((3, self.run.system.unknowns.size)))
-            found.append(self._step(number, {name: 1.0}, owed)[0])
+            found.append(self._step(number, {name: 1.0}, owed, defaultdict(dict, {number: {}}))[0])
         return np.array(found)
 
-    def _step(self, number: int, slopes: Mapping[str, float], owed: Owed) -> tuple[Array, Array]:
+    def _step(
+        self, number: int, slopes: Mapping[str, float], owed: Owed, remembered: OwedMemory
+    ) -> tuple[Array, Array]:
         """Solve for the multipliers of a moment, and let earlier ones owe theirs; return the multipliers, and the
         derivative of quantity and equations by the unknowns, which is left of those that are prescribed."""
         run, system, lagrangian = self.run, self.run.system, self.lagrangian
@@ -456,6 +494,11 @@ class Adjoint:
             by_state += slope * state
             by_histories[0] = by_histories[0] + slope * history
         lagrangian.restore(system.snapshot())
+        memory = remembered.pop(number)
+        by_state += memory.pop(BEFORE, 0.0)
+        update = self._of_update(memory)
+        by_state += update.state
+        by_histories = [by_histories[0] + update.velocity, by_histories[1] + update.acceleration]
         self._find_followers()
         if number == 0 and run.relaxation is not None:
             multipliers = self._of_prestress(by_state)
@@ -467,12 +510,27 @@ class Adjoint:
         if by_relaxation is not None:
             self._by_relaxation -= by_relaxation
         products = lagrangian.by_histories()
-        self._check(number, multipliers, derivative, *products)
+        residual = Slopes(derivative, *products, lagrangian.by_memory())
+        if moment.start is not None:
+            for name, product in residual.memory.items():
+                part = update.memory.get(name, 0.0) - product
+                remembered[moment.start][name] = remembered[moment.start].get(name, 0.0) + part
+        self._check(number, multipliers, memory, residual, update)
         for earlier, (of_state, of_rate) in moment.earlier.items():
             for order, (by_history, product) in enumerate(zip(by_histories, products, strict=True)):
                 owed[earlier][order] += of_state * (by_history - product)
                 owed[earlier][order + 1] += of_rate * (by_history - product)
         return multipliers, by_state - derivative
+
+    def _of_update(self, memory: Remembered) -> Slopes:
+        """Return the derivatives of what solids remember from now on, times those by it; what follows from the shape
+        free of stress is added to its own."""
+        if not memory:
+            return Slopes(0.0, 0.0, 0.0, {})
+        self.lagrangian.set_owed(memory)
+        if (by_relaxation := self.lagrangian.update_by_relaxation()) is not None:
+            self._by_relaxation += by_relaxation
+        return Slopes(*self.lagrangian.update_by_state(), self.lagrangian.update_by_memory())
 
     def _pulled_back(self, by_all: Array) -> Array:
         """Return a derivative by all unknowns as one by the free ones, on which those that are prescribed depend."""
@@ -606,26 +664,37 @@ class Adjoint:
             found += (multipliers @ by_number) * slopes
         return found
 
-    def _check(self, number: int, multipliers: Array, derivative: Array, first: Array, second: Array) -> None:
-        """Compare the derivatives with differences of the residual, of a random change of state and histories.
+    def _check(self, number: int, multipliers: Array, memory: Remembered, residual: Slopes, update: Slopes) -> None:
+        """Compare the derivatives with differences of the residual and of what solids remember, of a random change of
+        all that they depend on.
 
         Raises:
             CaseError: they differ: something in the case depends on the state in a way of its own.
         """
-        system, free, moment = self.run.system, self.run.free, self.run.moments[number]
-        change = PROBE * self._scales() * self._random.standard_normal(len(free)) * free
-        rate = moment.new
-        slope = self._pulled_back(derivative)
-        parts = [slope * change, rate * first * change, rate**2 * second * change]
+        system, run, moment = self.run.system, self.run, self.run.moments[number]
+        change = PROBE * self._scales() * self._random.standard_normal(len(run.free)) * run.free
+        rate, kept = moment.new, run.memory(number)
+        changes = {name: PROBE * np.abs(values).max(initial=0.0) * self._random.standard_normal(values.shape)
+                   for name, values in kept.items()}  # fmt: skip
+        parts = [self._pulled_back(np.asarray(residual.state - update.state)) * change,
+                 (residual.velocity - update.velocity) * rate * change,
+                 (residual.acceleration - update.acceleration) * rate**2 * change,
+                 *((by_memory - update.memory.get(name, 0.0)) * changes.get(name, change)
+                   for name, by_memory in residual.memory.items())]  # fmt: skip
         expected, size = sum(part.sum() for part in parts), sum(float(np.linalg.norm(part)) for part in parts)
         products = []
         for sign in (1, -1):
-            self.run.show(number)
+            run.show(number)
             system.values[:] += sign * change
             system.velocity_history.vec.FV().NumPy()[:] += sign * rate * change
             system.acceleration_history.vec.FV().NumPy()[:] += sign * rate**2 * change
-            products.append(multipliers @ np.asarray(system.residual().FV().NumPy()))
-        self.run.show(number)
+            system.remember({name: values + sign * changes[name] for name, values in kept.items()},
+                            run.before(number) + sign * change)  # fmt: skip
+            product = multipliers @ np.asarray(system.residual().FV().NumPy())
+            if memory:
+                product -= sum(memory[name] @ values for name, values in system.new_memory().items() if name in memory)
+            products.append(product)
+        run.show(number)
         difference = (products[0] - products[1]) / 2
         if abs(difference - expected) > AGREEMENT * size:
             raise CaseError(

@@ -8,7 +8,7 @@ integrands that are there: laws and conditions have no code for it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from ngfsi.conditions.condition import Setup
 from ngfsi.materials.solid.law import IsotropicLaw
 from ngfsi.physics.fields import MOTION
 from ngfsi.physics.integrals import Integral
-from ngfsi.system.system import System
+from ngfsi.system.system import BEFORE, System
 
 
 class Uncondensed(System):
@@ -83,7 +83,37 @@ class Lagrangian(System):
         motion = [self.relaxation], [self._direction[MOTION]]
         self._by_relaxation = None if self.relaxation is None else gradient_form(space, self._works, *motion, numbers=0)
         self._result = self.state.vec.CreateVector()
+        self._remember(space, directions)
         return None, None
+
+    def _remember(self, space: Any, directions: list[Any]) -> None:
+        """Prepare the derivatives by what solids remember, and those of its new values by all that they depend on."""
+        self._memory = {f"model {region}.{key}": one for region, model in self.solids.items()
+                        for key, one in model.internal_variables().items()}  # fmt: skip
+        self._owed = {name: GridFunction(one.field.space) for name, one in self._memory.items()}
+        updates = [Integral([ng.InnerProduct(self._owed[name], one.new)], one.measure)
+                   for name, one in self._memory.items()]  # fmt: skip
+
+        def by_memory(integrals: Sequence[Integral]) -> dict[str, ng.BilinearForm]:
+            found = {}
+            for name, one in self._memory.items():
+                test = one.field.space.TestFunction()
+                found[name] = gradient_form(one.field.space, integrals, [one.field], [test], numbers=0)
+            if before := self._stored.get(BEFORE):
+                found[BEFORE] = gradient_form(space, integrals, before.components, directions, numbers=0)
+            return found
+
+        # trial functions are of another space than internal variables
+        works = self.works(self.named(self.state)) if self._memory or BEFORE in self._stored else []
+        self._by_memory, self._update_by_memory = by_memory(works), by_memory(updates)
+        fields = self.state, self.velocity_history, self.acceleration_history
+        self._update_by_fields = [
+            gradient_form(space, updates, field.components, directions, numbers=0) for field in fields
+        ]
+        motion = [self.relaxation], [self._direction[MOTION]]
+        self._update_by_relaxation = (
+            None if self.relaxation is None else gradient_form(space, updates, *motion, numbers=0)
+        )
 
     def set_multipliers(self, values: Array) -> None:
         """Take multipliers of the equations, each in the place of its unknown."""
@@ -102,6 +132,41 @@ class Lagrangian(System):
         """Return the derivative by the displacement to the shape free of stress, in the places of the motion; None: the
         given shape is free of stress."""
         return None if self._by_relaxation is None else self._applied(self._by_relaxation)
+
+    def by_memory(self) -> dict[str, Array]:
+        """Return the derivatives by what solids remember, by its name in snapshots; by the last accepted state those
+        by all unknowns."""
+        return self._applied_by_name(self._by_memory)
+
+    def set_owed(self, owed: Mapping[str, Array]) -> None:
+        """Take a derivative by the new values of internal variables, as of `by_memory`."""
+        for name, one in self._memory.items():
+            vector = self._owed[name].vec
+            vector.FV().NumPy()[:] = owed.get(name, 0.0)
+            one.projected(vector)
+
+    def update_by_state(self) -> tuple[Array, Array, Array]:
+        """Return the derivatives, by the present state and the histories, of what `set_owed` took times the new values
+        of internal variables."""
+        first, second, third = (self._applied(form) for form in self._update_by_fields)
+        return first, second, third
+
+    def update_by_memory(self) -> dict[str, Array]:
+        """Return the derivatives of the same by the old values, as of `by_memory`."""
+        return self._applied_by_name(self._update_by_memory)
+
+    def update_by_relaxation(self) -> Array | None:
+        """Return the derivative of the same as of `by_relaxation`."""
+        return None if self._update_by_relaxation is None else self._applied(self._update_by_relaxation)
+
+    def _applied_by_name(self, forms: Mapping[str, ng.BilinearForm]) -> dict[str, Array]:
+        found = {}
+        for name, form in forms.items():
+            point = self.state.vec if name == BEFORE else self._memory[name].field.vec
+            result = point.CreateVector()
+            form.Apply(point, result)
+            found[name] = np.ravel(result.FV().NumPy()).copy()
+        return found
 
     def _applied(self, form: ng.BilinearForm) -> Array:
         form.Apply(self.state.vec, self._result)
@@ -128,7 +193,8 @@ def gradient_form(
         linearised: that are derivatives already, in the directions of test functions.
     """
     form = ng.BilinearForm(space, nonassemble=True, check_unused=False)
-    with _by_symbols():
+    # of test functions with values of matrices, as internal variables may be, that finds nothing
+    with _by_symbols() if len(directions[0].dims) < 2 else nullcontext():
         for integrands, measure in linearised:
             form += sum(integrands[1:], start=integrands[0]).Compile() * measure
         for one in integrals:
@@ -148,10 +214,10 @@ def gradient_form(
 
 def on_boundary(space: Any, measure: Any) -> bool:
     """Whether test functions have to be traces under a measure."""
-    form, test = ng.BilinearForm(space, nonassemble=True, check_unused=False), space.TestFunction()
-    first = test[0] if isinstance(test, (list, tuple)) else test
+    scalars = ng.H1(space.mesh, order=1)
+    form = ng.BilinearForm(scalars, nonassemble=True, check_unused=False)
     try:
-        form += ng.Grad(first)[0, 0] * measure
+        form += ng.Grad(scalars.TestFunction())[0] * measure
     except Exception:  # NGSolve's own: a trace is missing
         return True
     return False

@@ -14,6 +14,7 @@ from typing import Any
 
 import ngsolve as ng
 
+from ngfsi.arrays import part_of
 from ngfsi.case import Case
 from ngfsi.case.plausible import implausible
 from ngfsi.errors import Interrupted, NgfsiError, OutputError, SolverError, StoppedError
@@ -26,7 +27,7 @@ from ngfsi.run.interrupts import Stops
 from ngfsi.run.observers import Observer, observers_of
 from ngfsi.run.progress import Progress
 from ngfsi.solve.initial import initial_state
-from ngfsi.solve.newton import Newton, part_of
+from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import Step, TimeLoop
 from ngfsi.solve.worker import shared_system
 from ngfsi.store.checkpoint import Checkpoint, Checkpoints

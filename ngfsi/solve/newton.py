@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ngfsi.arrays import Array, Mask
+from ngfsi.arrays import Array, Mask, part_of
 from ngfsi.errors import SolverError
 from ngfsi.linear.backends import BACKENDS, Name
 from ngfsi.linear.factorisation import Factorisation, Last
@@ -47,11 +47,6 @@ DEPENDENT = 1e-12
 """Differences that depend on each other up to the root of this fraction add nothing."""
 FACTORED_KEPT = 2
 """Number of last states of factorisation that are kept."""
-
-
-def part_of(arrays: Mapping[str, Array], name: str) -> dict[str, Array]:
-    """Return the arrays named `name.something` as those named `something`."""
-    return {key.removeprefix(f"{name}."): part for key, part in arrays.items() if key.startswith(f"{name}.")}
 
 
 def renewal_cost(unknowns: int, *, iterates: bool) -> float:

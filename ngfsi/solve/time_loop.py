@@ -14,11 +14,11 @@ from time import perf_counter
 
 import numpy as np
 
-from ngfsi.arrays import Array
+from ngfsi.arrays import Array, part_of
 from ngfsi.case.case import SAME_TIME, Case
 from ngfsi.errors import SolverError
 from ngfsi.solve.initial import Say, silent
-from ngfsi.solve.newton import Newton, Solution, part_of
+from ngfsi.solve.newton import Newton, Solution
 from ngfsi.system.schemes import STAGES, Tableau, backward_euler, fraction_of_error, weights
 from ngfsi.system.system import System
 
@@ -185,12 +185,12 @@ class TimeLoop:
 
     Attributes:
         milestones: times (s) that are hit, which are those of all steps if none is shortened; the last is the end.
-        solved: in the last step, in order.
     """
 
     def __init__(
         self, case: Case, system: System, newton: Newton, inspect: Callable[[], str] = str, say: Say = silent,
         history: History | None = None, explain: Callable[[bool], str] = lambda _: "",
+        keep: Callable[[Sequence[Solved]], None] = lambda _: None,
     ) -> None:  # fmt: skip
         """Prepare the loop.
 
@@ -199,17 +199,18 @@ class TimeLoop:
             say: takes lines for the log; default: none is kept.
             explain: returns what else to say of the last good state when the loop gives up, given whether any step was
                 taken; default: nothing.
+            keep: takes what was solved within each accepted step, in order; default: nothing does.
             history: of an earlier loop, which this one continues; default: the system's state, at rest at t = 0.
         """
         self.case, self.system, self.newton = case, system, newton
-        self._inspect, self._say, self._explain = inspect, say, explain
+        self._inspect, self._say, self._explain, self._keep = inspect, say, explain, keep
         self._may_grow = True
         self.history = history or History()
         self.milestones = self._plan()
         self._stages = STAGES.get(case.time.scheme)
         self._free = self._stages is not None and case.time.error_tolerance is not None
         self._acceleration: Array | None = None
-        self.solved: list[Solved] = []
+        self._solved: list[Solved] = []
         self._at_end: dict[str, Array] | None = None
 
     @property
@@ -301,6 +302,7 @@ class TimeLoop:
     def _accepted(self, time: float, milestone: float) -> tuple[float, float, Solution]:
         """Take one step towards the milestone, and keep its state; return the new time, the step's size and cost."""
         size, solution = self._advance(time, milestone)
+        self._keep(self._solved)
         at_milestone = abs(time + size - milestone) <= SAME_TIME * self.case.time.step
         time = milestone if at_milestone else time + size
         self.history.push(time, self.system.values.copy(), self.system.rates(), self._acceleration)
@@ -345,7 +347,7 @@ class TimeLoop:
             raise SolverError(reason)
         self._check_accuracy(size, predicted)
         earlier = {0: (chosen.old, 0.0), -1: (chosen.older, 0.0)}
-        self.solved = [Solved(time + size, step, chosen.new, system.values.copy(), earlier)]
+        self._solved = [Solved(time + size, step, chosen.new, system.values.copy(), earlier)]
         return solution
 
     def _start_from(self, predicted: Array, size: float) -> None:
@@ -395,7 +397,7 @@ class TimeLoop:
             solved.append(Solved(now, place * size, stage.new, states[0], earlier))
         if reason := self._inspect():
             raise SolverError(reason)
-        self._acceleration, self.solved = accelerations[-1], solved
+        self._acceleration, self._solved = accelerations[-1], solved
         if self._free:
             self._control(size, self._over_scales(size * np.abs(_sum(tableau.estimate, rates))), tableau.estimate_order)
         return taken

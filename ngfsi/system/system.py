@@ -13,7 +13,7 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import GridFunction, Inv, Parameter
 
-from ngfsi.arrays import Array
+from ngfsi.arrays import Array, part_of
 from ngfsi.case import Case
 from ngfsi.conditions.condition import Condition, Setup
 from ngfsi.errors import CaseError
@@ -246,16 +246,20 @@ class System:
         Args:
             linearised: for the tangent, in which the viscosity of blood that thins has half of its derivative.
         """
-        trial, test, elements = self._trial, self._test, self._elements
-        F, relaxation = Kinematics(ng.Grad(trial[MOTION])).F, self.stress_free_gradient()
-        found = []
+        elements = self._elements
+        acting = [i for condition in self.conditions.values() for i in condition.integrals(elements)]
+        return [*self.works(self._trial), *acting, *self._blood_inside(elements, linearised)]
+
+    def works(self, fields: Named) -> list[Integral]:
+        """Return the virtual work of the solids' stresses, of trial functions or the present state by name."""
+        F, relaxation, found = Kinematics(ng.Grad(fields[MOTION])).F, self.stress_free_gradient(), []
         for name in self.solids:
             # the stretch across the plane and its variation
             stressed = name in self.case.conditions.plane_stress
-            across = (1 + trial[STRETCH], test[STRETCH]) if stressed else (1, 0)
-            found += self.work_integrals(name, F, ng.Grad(test[MOTION]), relaxation, across, elements)
-        acting = [i for condition in self.conditions.values() for i in condition.integrals(elements)]
-        return [*found, *acting, *self._blood_inside(elements, linearised)]
+            across = (1 + fields[STRETCH], self._test[STRETCH]) if stressed else (1, 0)
+            grad_v = ng.Grad(self._test[MOTION])
+            found += self.work_integrals(name, F, grad_v, relaxation, across, self._elements)
+        return found
 
     def _rules(self, order: int) -> dict[Any, ng.IntegrationRule]:
         return rules(order + self.case.discretisation.extra_integration_order)
@@ -387,6 +391,18 @@ class System:
         if before := self._stored.get(BEFORE):
             before.vec.data = self.state.vec
 
+    def remember(self, memory: Mapping[str, Array], before: Array | float) -> None:
+        """Take what solids remember, by its name in snapshots, and the last accepted state."""
+        for name, model in self.solids.items():
+            model.restore_state(part_of(memory, f"model {name}"))
+        if field := self._stored.get(BEFORE):
+            field.vec.FV().NumPy()[:] = before
+
+    def new_memory(self) -> dict[str, Array]:
+        """Return what solids will remember of the present state if it is accepted, by its name in snapshots."""
+        return {f"model {name}.{key}": np.ravel(one.updated().FV().NumPy()) for name, model in self.solids.items()
+                for key, one in model.internal_variables().items()}  # fmt: skip
+
     def _with_memory(self) -> list[tuple[str, Any]]:
         """Return conditions and models, which may depend on more than case and state, by name."""
         conditions = [(f"condition {name}", one) for name, one in self.conditions.items()]
@@ -413,8 +429,7 @@ class System:
             parameter.Set(float(value))
         self.set_step(self.step.Get())
         for name, part in self._with_memory():
-            part.restore_state({key.removeprefix(f"{name}."): array for key, array in snapshot.items()
-                                if key.startswith(f"{name}.")})  # fmt: skip
+            part.restore_state(part_of(snapshot, name))
 
     def rates(self) -> Array:
         """Rates of all unknowns at the present state."""

@@ -30,6 +30,7 @@ from ngfsi.physics.integrals import Integral
 from ngfsi.registry import register
 from ngfsi.solve.initial import silent
 from ngfsi.store.table import read_rows
+from tests.seams.test_maxwell import Maxwell
 from tests.solve import test_rigid, test_statics
 from tests.vein import BONED, Array, case_of, domain_of
 
@@ -74,7 +75,7 @@ VALVE = ResistanceOpening(resistance=1e8, distal_pressure=PressureConstant(value
 
 WAVES = test_statics.case_of("tibia").replace(**{
     "loads.skin_pressure": PressureRamp(final=500.0, duration=4e-3), "time.step": 2e-3, "time.end": 10e-3,
-    "materials.tissue.viscosity": SolidViscosity(kelvin_voigt=2.0),
+    "materials.tissue.viscosity": SolidViscosity(kelvin_voigt=2.0, moduli=(2e3, 1e3), times=(4e-3, 1e-3)),
 })  # fmt: skip
 """A ring around a bone of which a sudden pressure makes waves, whose steps are a quarter of a period."""
 
@@ -91,7 +92,7 @@ CASES: dict[str, tuple[Case, str, Window, str]] = {
     ),
     "prestress, backflow": (
         VEIN.replace(**{"conditions.initial_state": "prestress", "loads.inlet_flow": FlowConstant(value=-1e-6),
-                        "time.end": 0.1}),
+                        "materials.tissue.viscosity": SolidViscosity(moduli=(2e3,), times=(0.1,))}),
         "lumen_volume", Window("end"),
         "materials.tissue.young,materials.wall.poisson,loads.outlet_pressure,loads.skin_pressure.final",
     ),
@@ -102,6 +103,9 @@ CASES: dict[str, tuple[Case, str, Window, str]] = {
             "conditions.contact": ContactModel(), "time.end": 0.1, "time.scheme": "static",
         }), "sawss", Window("mean"), "materials.fluid.n,materials.fluid.viscosity_at_high_shear,materials.wall.young",
     ),
+    "waves, Maxwell's law": (WAVES.replace(**{
+        "materials.tissue": Maxwell(density=1e3, mu=10e3, K=40e3, viscous=5e3, tau=4e-3), "time.end": 6e-3,
+    }), "skin_area", Window("mean"), "materials"),
     **{f"waves, {scheme}": (WAVES.replace(**{"time.scheme": scheme}), "skin_area", Window("change"),
                             "materials,loads.skin_pressure") for scheme in ("bdf2", "esdirk3", "sdirk4")},
     "plane": (test_statics.case_of("tibia", skin=500.0).replace(**{"time.scheme": "static"}), "skin_area", Window(),
@@ -179,7 +183,8 @@ def test_states_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert found[0].derivatives == found[1].derivatives
     assert found[0].stored_mb[1] == 0.0
     assert sum(found[1].stored_mb) == found[0].stored_mb[0]
-    assert found[1].stored_mb[0] == pytest.approx(10 / found[0].moments * found[0].stored_mb[0])
+    share = 10 / found[0].moments
+    assert 0.9 * share < found[1].stored_mb[0] / found[0].stored_mb[0] <= share
     assert list((tmp_path / "out").iterdir()) == []
 
 
@@ -291,10 +296,6 @@ REFUSED: dict[str, tuple[dict[str, Any], str, str, str]] = {
     "an unknown dependence": ({"loads.further": (HiddenSprings(),)}, "lumen_volume", "materials",
                               "something depends on the state in a way that a gradient does not know"),
     "one way": ({"conditions.coupling": "one_way"}, "lumen_volume", "materials", "use conditions.coupling"),
-    "memory": ({"materials.tissue.viscosity": SolidViscosity(moduli=(1e3,), times=(0.1,))}, "lumen_volume", "materials",
-               "internal variables of the solid 'tissue'"),
-    "free steps": ({"time.scheme": "sdirk4", "time.error_tolerance": 1e-3}, "lumen_volume", "materials",
-                   "leave time.error_tolerance out"),
     "solver": ({"solver.linear": "p_multigrid"}, "lumen_volume", "materials", "use 'auto'"),
     "quantity": ({}, "wss_max", "materials", "'wss_max' is not a known quantity with a gradient"),
     "a time": ({}, "lumen_volume", "loads.skin_pressure.duration", "there is no number"),

@@ -14,6 +14,7 @@ from ngsolve import CoefficientFunction, Det, Id, IfPos, InnerProduct, exp
 from ngfsi.conditions import Condition, Setup
 from ngfsi.conditions.condition import ConditionModel
 from ngfsi.linear.backends import choose_backend
+from ngfsi.materials.solid.internal import InternalVariable
 from ngfsi.materials.solid.law import Pair, Place, SolidLaw, SolidModel
 from ngfsi.materials.solid.viscosity import SolidViscosity
 from ngfsi.mesh.domain import Domain
@@ -59,6 +60,8 @@ class MaxwellModel(SolidModel):
         resting = ratio - 1e6
         self._decay = IfPos(resting, 0.0, exp(-ratio))
         self._gain = IfPos(resting, 0.0, (1 - exp(-ratio)) / ratio)
+        self._remembered = {"Q": InternalVariable(self._Q, self._over(place.F), place),
+                            "S": InternalVariable(self._S, self._elastic(place.F), place)}  # fmt: skip
 
     def _elastic(self, F: CoefficientFunction) -> CoefficientFunction:
         return self._law.viscous * (F.trans * F - Id(3))
@@ -76,17 +79,8 @@ class MaxwellModel(SolidModel):
     def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
         return sum(self.variations(F, H))
 
-    def accept(self) -> None:
-        new = [ng.GridFunction(self._Q.space) for _ in range(2)]
-        new[0].Set(self._over(self._place.F))
-        new[1].Set(self._elastic(self._place.F))
-        self._Q.vec.data, self._S.vec.data = new[0].vec, new[1].vec
-
-    def state_arrays(self) -> dict[str, Any]:
-        return {"Q": np.array(self._Q.vec.FV().NumPy()), "S": np.array(self._S.vec.FV().NumPy())}
-
-    def restore_state(self, arrays: Mapping[str, Any]) -> None:
-        self._Q.vec.FV().NumPy()[:], self._S.vec.FV().NumPy()[:] = arrays["Q"], arrays["S"]
+    def internal_variables(self) -> dict[str, InternalVariable]:
+        return self._remembered
 
 
 @register("ngfsi.conditions", "test_stretch")

@@ -10,8 +10,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self, final
 
+import numpy as np
 from ngsolve import CoefficientFunction, Cof, Det, InnerProduct, Parameter, Trace
 from pydantic import Field, model_validator
 
@@ -20,6 +21,7 @@ from ngfsi.config.messages import key_error
 from ngfsi.config.model import dimension_of_field
 from ngfsi.errors import unknown
 from ngfsi.materials.law import Law
+from ngfsi.materials.solid.internal import InternalVariable
 from ngfsi.materials.solid.varying import AnyVariation
 from ngfsi.materials.solid.viscosity import Held, Overstress, SolidViscosity
 from ngfsi.mesh.domain import Domain
@@ -99,15 +101,28 @@ class SolidModel(ABC):
     def take_step(self, step: float) -> None:  # noqa: B027
         """Take note of the size of the step that is being taken (s), `Place.step`; infinite at rest."""
 
-    def accept(self) -> None:  # noqa: B027 - most models remember nothing
-        """Take note that the state is accepted: internal variables take their new values as a step begins."""
-
-    def state_arrays(self) -> dict[str, Array]:
-        """Return copies of the internal variables, for `restore_state`."""
+    def internal_variables(self) -> dict[str, InternalVariable]:
+        """Return what the solid remembers, by name; most remember nothing."""
         return {}
 
-    def restore_state(self, arrays: Mapping[str, Array]) -> None:  # noqa: B027
+    @final
+    def accept(self) -> None:
+        """Take note that the state is accepted: internal variables take their new values as a step begins."""
+        known = self.internal_variables().values()
+        new = [one.updated() for one in known]  # of all before the first is overwritten
+        for one, values in zip(known, new, strict=True):
+            one.field.vec.data = values
+
+    @final
+    def state_arrays(self) -> dict[str, Array]:
+        """Return copies of the internal variables, for `restore_state`."""
+        return {name: np.array(one.field.vec.FV().NumPy()) for name, one in self.internal_variables().items()}
+
+    @final
+    def restore_state(self, arrays: Mapping[str, Array]) -> None:
         """Take what `state_arrays` of an equal model returned."""
+        for name, one in self.internal_variables().items():
+            one.field.vec.FV().NumPy()[:] = arrays[name]
 
 
 class SolidLaw(Law, SolidModel):
@@ -199,16 +214,8 @@ class Viscous(SolidModel):
         self._elastic.take_step(step)
         self._over.take_step(step)
 
-    def accept(self) -> None:
-        self._elastic.accept()
-        self._over.accept()
-
-    def state_arrays(self) -> dict[str, Array]:
-        return self._elastic.state_arrays() | self._over.state_arrays()
-
-    def restore_state(self, arrays: Mapping[str, Array]) -> None:
-        self._elastic.restore_state(arrays)
-        self._over.restore_state(arrays)
+    def internal_variables(self) -> dict[str, InternalVariable]:
+        return self._elastic.internal_variables() | self._over.internal_variables
 
 
 def right_cauchy_green(F: CoefficientFunction) -> CoefficientFunction:

@@ -16,18 +16,16 @@ Over a step h the recurrence is exact for a strain that changes evenly:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import exp, expm1
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import ngsolve as ng
-import numpy as np
 from ngsolve import CoefficientFunction, Cof, Det, InnerProduct
 from pydantic import Field, model_validator
 
-from ngfsi.arrays import Array
 from ngfsi.config.model import ConfigModel
 from ngfsi.errors import MaterialError
+from ngfsi.materials.solid.internal import InternalVariable
 from ngfsi.units import Pressure, Time, Viscosity
 
 if TYPE_CHECKING:
@@ -74,7 +72,11 @@ class Held(NamedTuple):
 
 
 class Overstress:
-    """The stress of a viscosity in one region, with its internal variables Q, one field for each element."""
+    """The stress of a viscosity in one region, with its internal variables Q, one for each element.
+
+    Attributes:
+        internal_variables: by name.
+    """
 
     def __init__(self, viscosity: SolidViscosity, place: Place) -> None:
         self._place, self._viscosity = place, viscosity
@@ -87,7 +89,10 @@ class Overstress:
         self._decays, self._gains = ([ng.Parameter(0.0) for _ in viscosity.moduli] for _ in range(2))
         self._slope = ng.Parameter(0.0)
         self.take_step(place.step.Get())
-        self._new = [ng.CF(tuple(one[i, j] for i, j in ENTRIES)).Compile() for one in self._elements(place.F)]
+        new = [ng.CF(tuple(one[i, j] for i, j in ENTRIES)) for one in self._elements(place.F)]
+        self.internal_variables = {
+            f"Q{k}": InternalVariable(*one, place) for k, one in enumerate(zip(self._fields, new, strict=True))
+        }
 
     def take_step(self, step: float) -> None:
         """Take the size of the step (s); after an infinite one the elements are relaxed."""
@@ -114,23 +119,6 @@ class Overstress:
             squared, lost = InnerProduct(Q, Q) / (4 * G), InnerProduct(Q, Q) / (2 * G * tau)
             energy, power, heat = energy + squared, power + InnerProduct(Q, rate) / 2 - lost, heat + lost
         return Held(energy, power, heat)
-
-    def accept(self) -> None:
-        """Take the values at the end of the step for those at the start of the next one."""
-        region = self._place.mesh.Materials(self._place.region)
-        for field, new in zip(self._fields, self._new, strict=True):
-            accepted = ng.GridFunction(field.space)
-            accepted.Set(new, definedon=region)
-            field.vec.data = accepted.vec
-
-    def state_arrays(self) -> dict[str, Array]:
-        """Return copies of the internal variables."""
-        return {f"Q{k}": np.array(field.vec.FV().NumPy()) for k, field in enumerate(self._fields)}
-
-    def restore_state(self, arrays: Mapping[str, Array]) -> None:
-        """Take what `state_arrays` returned."""
-        for k, field in enumerate(self._fields):
-            field.vec.FV().NumPy()[:] = arrays[f"Q{k}"]
 
     def _elements(self, F: CoefficientFunction) -> list[CoefficientFunction]:
         """Return Q of each element at F."""
