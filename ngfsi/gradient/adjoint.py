@@ -113,8 +113,8 @@ class Window:
 
     Attributes:
         start, end: s; the end at infinity is that of the run.
-        kind: mean: by the trapezoidal rule over the steps in the window; end: the value at the end, linear between
-            steps; change: that less the first; loss: the fraction of the first that is lost.
+        kind: mean: of values that are linear between steps; end: the value at the end; change: that less the first;
+            loss: the fraction of the first that is lost.
     """
 
     kind: str = "end"
@@ -125,20 +125,21 @@ class Window:
         """Return the number that is made of values at times, and its derivatives by them."""
         slopes = np.zeros(len(times))
         if self.kind == "mean":
-            inside = np.flatnonzero((times >= self.start - 1e-9) & (times <= self.end + 1e-9))
-            if not len(inside):
-                raise CaseError(f"--window {self.start:g},{self.end:g}: no step of the run, which ends at "
-                                f"{times[-1]:g} s, is in it")  # fmt: skip
-            sizes = np.diff(times[inside])
-            slopes[inside[:-1]] += sizes / 2
-            slopes[inside[1:]] += sizes / 2
-            slopes = slopes / sizes.sum() if len(sizes) else np.where(np.arange(len(times)) == inside[0], 1.0, 0.0)
-            return float(slopes @ values), slopes
+            start, end = max(self.start, times[0]), min(self.end, times[-1])
+            if start > end + SAME_TIME:
+                raise CaseError(f"--window {self.start:g},{self.end:g} holds no time of the run, which ends at "
+                                f"{times[-1]:g} s")  # fmt: skip
+            if end - start > SAME_TIME:
+                sizes, ends = np.diff(times), np.clip(times, start, end)
+                inside, middle = np.diff(ends) / (end - start), (ends[:-1] + ends[1:]) / 2
+                slopes[:-1] += inside * (times[1:] - middle) / sizes
+                slopes[1:] += inside * (middle - times[:-1]) / sizes
+                return float(slopes @ values), slopes
         after = min(max(int(np.searchsorted(times, self.end - SAME_TIME)), 1), len(times) - 1)
         done = min(max((self.end - times[after - 1]) / (times[after] - times[after - 1]), 0.0), 1.0)
         slopes[after - 1], slopes[after] = 1.0 - done, done
         first, last = values[0], slopes @ values
-        if self.kind == "end":
+        if self.kind in ("end", "mean"):
             return float(last), slopes
         if self.kind == "change":
             slopes[0] -= 1.0
@@ -166,6 +167,7 @@ class Gradient:
         seconds: of the run, of the adjoint and of the parameters.
         mean_iterations: for each of the states, whose number is `moments`.
         stored_mb: of the states, in memory and on disk.
+        own_steps: whether the run has chosen its steps, which are held.
     """
 
     name: str
@@ -178,6 +180,7 @@ class Gradient:
     factorisations: int = 0
     moments: int = 0
     stored_mb: tuple[float, float] = 0.0, 0.0
+    own_steps: bool = False
 
     def elasticities(self) -> dict[str, float]:
         """Return the change of the quantity in percent for one percent of each parameter, largest first."""
@@ -733,5 +736,5 @@ def gradient_of(
         dict(zip((one.name for one in parameters), derivatives.tolist(), strict=True)),
         {"run": ran - started, "adjoint": swept, "parameters": adjoint.seconds},
         float(np.mean(adjoint.iterations)), adjoint.factorisations, len(run.moments),
-        (run.vectors.in_memory / 1e6, run.vectors.on_disk / 1e6),
+        (run.vectors.in_memory / 1e6, run.vectors.on_disk / 1e6), case.time.error_tolerance is not None,
     )  # fmt: skip

@@ -82,5 +82,6 @@ def table(found: Gradient) -> Any:
     memory, disk = found.stored_mb
     kept = f"{memory:.3g} MB of states in memory{f', {disk:.3g} MB on disk' if disk else ''}"
     took = ", ".join(f"{name} {seconds:.3g} s" for name, seconds in found.seconds.items())
-    return Group(shown, f"{took}; {found.mean_iterations:.1f} iterations for each of {found.moments} states, "
+    held = ["The steps that the run chose by its errors are held."] if found.own_steps else []
+    return Group(shown, *held, f"{took}; {found.mean_iterations:.1f} iterations for each of {found.moments} states, "
                  f"{found.factorisations} factorisations, {kept}")  # fmt: skip

@@ -29,6 +29,7 @@ from ngfsi.mesh.domain import Domain
 from ngfsi.physics.integrals import Integral
 from ngfsi.registry import register
 from ngfsi.solve.initial import silent
+from ngfsi.solve.time_loop import TimeLoop
 from ngfsi.store.table import read_rows
 from tests.seams.test_maxwell import Maxwell
 from tests.solve import test_rigid, test_statics
@@ -188,6 +189,28 @@ def test_states_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert list((tmp_path / "out").iterdir()) == []
 
 
+def test_steps_that_the_run_chooses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The gradient is that of runs with the steps of the first, which are not even; and it is said."""
+    case, quantity, window, _ = CASES["waves, esdirk3"]
+    case = case.replace(**{"time.error_tolerance": 3e-4, "time.smallest_step": 1e-4, "time.end": 6e-3})
+    found = gradient(case, quantity, window, "materials.tissue.young,materials.tissue.viscosity.moduli")
+    assert "are held" in "".join(map(str, command.table(found).renderables))
+    times = StoredStates(case, domain_of(case.geometry)).times
+    assert np.ptp(np.diff(times)) > 0.5 * np.diff(times).min()
+
+    def as_before(self: TimeLoop, time: float, _milestone: float) -> Any:
+        self.system.accept()
+        size = float(times[np.searchsorted(times, time + 1e-9)] - time)
+        return size, self._attempt(time, size)
+
+    monkeypatch.setattr(TimeLoop, "_advance", as_before)
+    monkeypatch.setattr(TimeLoop, "_control", lambda *_: None)
+    changes = even_changes(found)
+    expected = sum(found.derivatives[one.name] * change for one, change in zip(found.parameters, changes, strict=True))
+    ends = [value(moved(case, found.parameters, sign * changes), quantity, window) for sign in (1, -1)]
+    assert (ends[0] - ends[1]) / 2 == pytest.approx(expected, rel=1e-6, abs=0.0)
+
+
 @pytest.mark.parametrize(
     ("name", "shape"),
     [("length", {}), ("wall_thickness", {}), ("aspect_ratio", {"aspect_ratio": 1.5, "lumen_diameter": 8e-3})],
@@ -278,6 +301,16 @@ class HiddenSprings(ConditionModel):
         return HiddenSpring()
 
 
+def test_a_mean_over_parts_of_steps() -> None:
+    """Values are linear between steps; a window without length is a time."""
+    times, values = np.array([0.0, 1.0, 3.0]), np.array([4.0, 3.0, 1.0])
+    found, weights = Window("mean", 0.5, 2.0).weights(times, values)
+    assert found == pytest.approx((1.625 + 2.5) / 1.5, rel=1e-12)
+    assert weights == pytest.approx(np.array([0.125, 1.125, 0.25]) / 1.5, rel=1e-12)
+    assert Window("mean", 1.0, 9.0).weights(times, values)[1] == pytest.approx([0.0, 0.5, 0.5])
+    assert Window("mean", 2.0, 2.0).weights(times, values)[0] == pytest.approx(2.0, rel=1e-12)
+
+
 def test_numbers_that_are_parameters() -> None:
     """All that can vary: a waveform is closed by its first value, and a density of 0 has no less."""
     wave = FlowWaveform(times=(0.0, 0.2, 0.5, 1.0), values=(1e-6, 3e-6, 2e-6, 1e-6))
@@ -336,7 +369,7 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert wanted("area_z05", command.KINDS) == ("area_z05", "end")
 
 
-@pytest.mark.parametrize(("window", "sentence"), [("1", "two times in seconds"), ("7,8", "no step of the run")])
+@pytest.mark.parametrize(("window", "sentence"), [("1", "two times in seconds"), ("7,8", "holds no time of the run")])
 def test_windows_that_are_none(window: str, sentence: str, tmp_path: Path) -> None:
     with pytest.raises(CaseError, match=sentence):
         command.gradient(CASES["plane"][0], "skin_area_mean", "materials", window, tmp_path / "out", silent)
