@@ -4,28 +4,28 @@ Points are those of the deformed shape; the field `displacement_m` leads back to
 curved, of second order whatever the order of the fields, and do not share points, so that fields may jump between
 regions; the cell field `region` numbers the regions in the order of the field data `regions`. Faces of boundaries stand
 in the field data `boundary_faces`, with the names `boundaries`: see `BoundaryFaces`.
-
-pyvista takes a quarter of a second to import, for which what writes no fields need not wait.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from ngfsi.arrays import Array
 from ngfsi.errors import OutputError
+from ngfsi.measure.ellipticity import principal_stretches, principal_values
 from ngfsi.measure.wall import WallSample
+from ngfsi.mesh.cells import KINDS
 from ngfsi.mesh.domain import Domain
 from ngfsi.store.disk import explained, move_into_place, replace_file
-
-if TYPE_CHECKING:
-    import pyvista as pv
+from ngfsi.store.vtu import Grid
 
 FOLDER = "fields"
 GRIDS, INDEX, NUMBERED = ("volume", "wall"), "{}.pvd", "{}_{:04d}.vtu"
@@ -41,14 +41,85 @@ and stretches, the largest first."""
 CELL_ORDER = 2
 """Higher ones make files large without being seen, and hardly any program but ParaView reads them."""
 
-MIRRORED = {
-    "QUADRATIC_TRIANGLE": [0, 2, 1, 5, 4, 3],
-    "BIQUADRATIC_QUAD": [0, 3, 2, 1, 7, 6, 5, 4, 8],
-    "QUADRATIC_TETRA": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
-    "QUADRATIC_HEXAHEDRON": [4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11, 16, 17, 18, 19],
-    "BIQUADRATIC_QUADRATIC_WEDGE": [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8, 12, 13, 14, 15, 16, 17],
-}
-"""VTK's name of a cell -> order of the nodes that turns one of negative size into the same of positive size."""
+QUAD = 9
+"""VTK's number of a plane cell with four corners."""
+
+
+class CellType(NamedTuple):
+    """Cells of second order of one shape.
+
+    Attributes:
+        name, number: VTK's.
+        kind: in `mesh.cells`.
+        corners: in NGSolve's reference element, in VTK's order.
+        arms: corners to which edges lead from the first one, right-handed in cells of positive size.
+        mirrored: order of the nodes that turns a cell of negative size into the same of positive size.
+    """
+
+    name: str
+    number: int
+    kind: str
+    corners: tuple[tuple[int, ...], ...]
+    arms: tuple[int, ...]
+    mirrored: tuple[int, ...]
+
+    def nodes(self) -> Array:
+        """Return the nodes (n, dim) in the reference element: corners, middles of edges, and of square faces."""
+        at, kind = np.array(self.corners, dtype=float), KINDS[self.kind]
+        count = len(self.mirrored) - kind.corners - len(kind.edges)
+        faces = [face for face in kind.faces if len(face) == 4] or [(0, 1, 2, 3)]
+        groups = [*kind.edges, *(faces if count else ())]
+        return np.vstack([at, *(at[list(group)].mean(axis=0) for group in groups)])
+
+
+SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
+BELOW, ABOVE = (tuple((*corner, height) for corner in SQUARE) for height in (0, 1))
+CELL_TYPES = {
+    ng.ET.TRIG: CellType("QUADRATIC_TRIANGLE", 22, "triangle6", ((0, 0), (1, 0), (0, 1)), (1, 2), (0, 2, 1, 5, 4, 3)),
+    ng.ET.QUAD: CellType("BIQUADRATIC_QUAD", 28, "quad9", SQUARE, (1, 3), (0, 3, 2, 1, 7, 6, 5, 4, 8)),
+    ng.ET.TET: CellType("QUADRATIC_TETRA", 24, "tetra10", ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)), (1, 2, 3),
+                        (0, 2, 1, 3, 6, 5, 4, 7, 9, 8)),
+    ng.ET.PYRAMID: CellType("QUADRATIC_PYRAMID", 27, "pyramid13", (*BELOW, (0, 0, 1)), (1, 3, 4),
+                            (0, 3, 2, 1, 4, 8, 7, 6, 5, 9, 12, 11, 10)),
+    ng.ET.PRISM: CellType("BIQUADRATIC_QUADRATIC_WEDGE", 32, "wedge18",
+                          ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)), (1, 2, 3),
+                          (3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8, 12, 13, 14, 15, 16, 17)),
+    ng.ET.HEX: CellType("QUADRATIC_HEXAHEDRON", 25, "hexahedron20", (*BELOW, *ABOVE), (1, 3, 4),
+                        (4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11, 16, 17, 18, 19)),
+}  # fmt: skip
+
+
+class Cells:
+    """The cells of a domain: curved, of second order, without common nodes, and of positive size.
+
+    Attributes:
+        at: nodes of all cells, one cell after the other, at which fields can be evaluated.
+        points: (n, 2 or 3) their places [m] in the reference shape.
+        order: numbers of the points of each cell, in VTK's order; ends: where those of each cell end.
+        kinds: (cells,) VTK's numbers.
+    """
+
+    def __init__(self, mesh: Any) -> None:
+        nodes = {shape: cell.nodes() for shape, cell in CELL_TYPES.items() if len(cell.corners[0]) == mesh.dim}
+        rules = {shape: ng.IntegrationRule([tuple(p) for p in at], [1.0] * len(at)) for shape, at in nodes.items()}
+        self.at = mesh.MapToAllElements(rules, mesh.Materials(".*"))
+        self.points = np.asarray(ng.CF((ng.x, ng.y, ng.z)[: mesh.dim])(self.at))
+        shapes = [element.type for element in mesh.Elements(ng.VOL)]
+        self.kinds = np.array([CELL_TYPES[shape].number for shape in shapes], dtype=np.uint8)
+        self.ends = np.cumsum([len(nodes[shape]) for shape in shapes])
+        self.order = np.arange(len(self.points))
+        for shape in nodes:
+            cell = CELL_TYPES[shape]
+            starts = (self.ends - len(cell.mirrored))[self.kinds == cell.number]
+            arms = [self.points[starts + arm] - self.points[starts] for arm in cell.arms]
+            turned = starts[np.linalg.det(np.stack(arms, axis=1)) < 0]
+            self.order[turned[:, None] + np.arange(len(cell.mirrored))] = turned[:, None] + np.array(cell.mirrored)
+
+    def of(self, number: int) -> Array:
+        """Return the places (nodes, 2 or 3) [m] of the nodes of a cell, in VTK's order."""
+        start = self.ends[number - 1] if number else 0
+        found: Array = self.points[self.order[start : self.ends[number]]]
+        return found
 
 
 class BoundaryFaces:
@@ -64,30 +135,21 @@ class BoundaryFaces:
         self.names, self.rows = list(names), rows
 
     @classmethod
-    def of(cls, domain: Domain, nodes: Any) -> BoundaryFaces:
-        """Return those of a domain.
-
-        Args:
-            nodes: of each cell, first those at its corners, their places [m] in the reference shape.
-        """
+    def of(cls, domain: Domain, cells: Cells) -> BoundaryFaces:
+        """Return those of a domain with its cells."""
         mesh = domain.mesh
         names = list(domain.geometry.boundary_names)
-        owner: dict[int, int] = {}
-        corners = []
-        for element in mesh.Elements(ng.VOL):
-            corners.append([vertex.nr for vertex in element.vertices])
-            for side in element.faces if mesh.dim == 3 else element.edges:
-                owner.setdefault(side.nr, element.nr)
         rows = []
         for face in mesh.Elements(ng.BND):
             if face.mat in names:
-                cell = owner[(face.faces if mesh.dim == 3 else face.edges)[0].nr]
-                there = np.asarray(nodes(cell))[: len(corners[cell]), : mesh.dim]
+                sides = mesh[(face.faces if mesh.dim == 3 else face.edges)[0]].elements
+                cell = min(sides, key=lambda element: element.nr)
+                there = cells.of(cell.nr)[: len(mesh[cell].vertices)]
                 on = [
-                    int(np.argmin(np.sum((there - domain.vertices[vertex.nr]) ** 2, axis=1)))
+                    int(np.argmin(np.sum((there - domain.vertices[vertex.nr][: mesh.dim]) ** 2, axis=1)))
                     for vertex in face.vertices
                 ]
-                rows.append([names.index(face.mat), cell, *on, *[-1] * (4 - len(on))])
+                rows.append([names.index(face.mat), cell.nr, *on, *[-1] * (4 - len(on))])
         return cls(names, np.array(rows, dtype=np.int32).reshape(-1, 6))
 
 
@@ -116,23 +178,19 @@ class FieldWriter:
         if DISPLACEMENT not in volume_fields:
             raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
         self.folder = folder
-        self._precision = "double" if double else "single"
-        self._mesh, self._names = domain.mesh, list(volume_fields)
-        # laws are costly to evaluate point by point, as VTK output does: elementwise projections take a 200th of it
+        self._precision = np.float64 if double else np.float32
+        # laws are costly to evaluate point by point: an elementwise projection takes a 200th of it
         space = ng.L2(domain.mesh, order=CELL_ORDER, dim=9)
         self._projected = {
-            name: (ng.GridFunction(space), volume_fields[name]) for name in TENSORS if name in volume_fields
+            name: (ng.GridFunction(space), volume_fields[name]) for name in (STRESS,) if name in volume_fields
         }
         shown = volume_fields | {name: projection for name, (projection, _) in self._projected.items()}
-        self._coefficients = [shown[name] for name in self._names]
-        self._regions = list(domain.regions)
-        numbers = [self._regions.index(element.mat) for element in domain.mesh.Elements(ng.VOL)]
-        self._cell_regions = np.array(numbers, dtype=np.int32)
+        self._widths = {name: shown[name].dim for name in volume_fields}
+        self._together = ng.CF(tuple(shown[name] for name in volume_fields))
         self.times = {
             name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in GRIDS
         }
         self._domain = domain
-        self._faces: BoundaryFaces | None = None
         self._forget_later_ones()
 
     def write(self, time: float) -> None:
@@ -151,13 +209,13 @@ class FieldWriter:
         """
         self._store("wall", time, lambda: wall_grid(*walls))
 
-    def _store(self, name: str, time: float, make: Callable[[], pv.UnstructuredGrid]) -> None:
+    def _store(self, name: str, time: float, make: Callable[[], Grid]) -> None:
         folder, file = self.folder / FOLDER, NUMBERED.format(name, len(self.times[name]))
         self.times[name].append(time)
         with explained(folder):
             folder.mkdir(exist_ok=True)
             partial = folder / f"part-{file}"
-            make().save(partial)
+            make().write(partial)
             move_into_place(partial, folder / file)
             self._list(name)
 
@@ -176,76 +234,56 @@ class FieldWriter:
                 if path.name not in kept:
                     path.unlink()
 
-    def _volume(self) -> pv.UnstructuredGrid:
-        import pyvista as pv
+    @cached_property
+    def _cells(self) -> Cells:
+        return Cells(self._domain.mesh)
 
+    @cached_property
+    def _of_cells(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What stays the same: the regions of the cells, and names and the faces of boundaries."""
+        regions = list(self._domain.regions)
+        numbers = [regions.index(element.mat) for element in self._domain.mesh.Elements(ng.VOL)]
+        faces = BoundaryFaces.of(self._domain, self._cells)
+        fixed = {REGIONS: regions, BOUNDARIES: faces.names, FACES: faces.rows}
+        return {REGION: np.array(numbers, dtype=np.int32)}, fixed
+
+    def _volume(self) -> Grid:
         for projection, field in self._projected.values():
             projection.Set(field)
-        raw = self.folder / FOLDER / "unfinished"
-        ng.VTKOutput(self._mesh, coefs=self._coefficients, names=self._names, filename=str(raw), order=CELL_ORDER,
-                     floatsize=self._precision).Do()  # fmt: skip
-        written = raw.with_suffix(".vtu")
-        grid = pv.read(written)
-        written.unlink()
-        for name in grid.point_data:  # vectors of plane domains
-            if (values := np.asarray(grid.point_data[name])).shape[1:] == (2,):
-                grid.point_data[name] = np.pad(values, ((0, 0), (0, 1)))
-        _orient(grid)
-        if self._faces is None:
-            starts, nodes = grid.cell_offsets, grid.cell_connectivity
-            points = np.asarray(grid.points)
-            self._faces = BoundaryFaces.of(self._domain, lambda k: points[nodes[starts[k] : starts[k + 1]]])
-        grid.points += grid.point_data[DISPLACEMENT]
-        _take_invariants(grid)
-        grid.cell_data[REGION] = self._cell_regions
-        grid.field_data[REGIONS] = self._regions
-        grid.field_data[BOUNDARIES] = self._faces.names
-        grid.field_data[FACES] = self._faces.rows
-        return grid
+        cells = self._cells
+        values = np.asarray(self._together(cells.at))
+        parts = np.split(values, np.cumsum(list(self._widths.values()))[:-1], axis=1)
+        data = {name: _in_3d(part) for name, part in zip(self._widths, parts, strict=True)}
+        points = _in_3d(cells.points) + data[DISPLACEMENT]
+        data = {name: np.squeeze(part.astype(self._precision)) for name, part in _invariants(data).items()}
+        return Grid(points.astype(self._precision), cells.order, cells.ends, cells.kinds, data, *self._of_cells)
 
 
-def _orient(grid: pv.UnstructuredGrid) -> None:
-    """Renumber the nodes of cells that NGSolve wrote with negative size: its triangles and tetrahedra turn the other
-    way."""
-    import pyvista as pv
-
-    nodes, starts = grid.cell_connectivity, grid.cell_offsets[:-1]
-    a, b, c = (grid.points[nodes[starts + corner]] for corner in range(3))
-    # cells of a plane domain have an area alone, and turn clockwise where it is negative
-    turn = np.cross(b - a, c - a)[:, 2]
-    volume = grid.compute_cell_sizes()["Volume"]
-    negative = np.where(volume == 0, turn, volume) < 0
-    for kind, order in MIRRORED.items():
-        first = starts[negative & (grid.celltypes == pv.CellType[kind])]
-        nodes[first[:, None] + np.arange(len(order))] = nodes[first[:, None] + order]
+def _in_3d(values: Array) -> Array:
+    """Return the vectors (n, 3) that vectors (n, 2) in the plane are, others as they are."""
+    return np.pad(values, ((0, 0), (0, 1))) if values.shape[1] == 2 else values
 
 
-def _take_invariants(grid: pv.UnstructuredGrid) -> None:
-    """Replace the tensors of the solids, if there are any, by what people look at."""
-    if STRESS in grid.point_data:
-        stress = np.asarray(grid.point_data.pop(STRESS)).reshape(-1, 3, 3)
-        grid.point_data["hydrostatic_pressure_Pa"] = -np.trace(stress, axis1=1, axis2=2) / 3
-        grid.point_data["principal_stresses_Pa"] = np.linalg.eigvalsh(stress)[:, ::-1]
-    if DEFORMATION in grid.point_data:
-        given = np.asarray(grid.point_data.pop(DEFORMATION))
-        F = given.reshape(-1, 3, 3).astype(float)
-        # a third of the time that the singular values of F take
-        squared = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)[:, ::-1]
-        grid.point_data["principal_stretches_1"] = np.sqrt(np.maximum(squared, 0.0)).astype(given.dtype)
+def _invariants(data: dict[str, Array]) -> dict[str, Array]:
+    """Return fields with what people look at in place of the tensors of the solids, if there are any."""
+    found = {name: values for name, values in data.items() if name not in TENSORS}
+    if STRESS in data:
+        stress = data[STRESS].reshape(-1, 3, 3)
+        found["hydrostatic_pressure_Pa"] = -np.trace(stress, axis1=1, axis2=2)[:, None] / 3
+        found["principal_stresses_Pa"] = principal_values(stress)[:, ::-1]
+    if DEFORMATION in data:
+        found["principal_stretches_1"] = principal_stretches(data[DEFORMATION].reshape(-1, 3, 3))[:, ::-1]
+    return found
 
 
-def wall_grid(*walls: WallSample) -> pv.UnstructuredGrid:
+def wall_grid(*walls: WallSample) -> Grid:
     """Return sampled walls as linear quadrilaterals with wall shear stress and pressure, several ones numbered."""
-    import pyvista as pv
 
     def joined(values: Callable[[WallSample], Any]) -> Any:
         return np.concatenate([values(wall) for wall in walls]).astype(np.float32)
 
     firsts = np.cumsum([0, *(len(wall.points) for wall in walls[:-1])])
     nodes = np.concatenate([first + wall.quads for first, wall in zip(firsts, walls, strict=True)])
-    quads = np.column_stack([np.full(len(nodes), 4), nodes])
-    points = joined(lambda wall: wall.points)
-    grid = pv.UnstructuredGrid(quads.ravel(), np.full(len(nodes), pv.CellType.QUAD), points)
     shown = {
         "wall_shear_Pa": lambda wall: wall.shear,
         "wall_shear_axial_Pa": lambda wall: wall.tangential[:, 0],
@@ -253,11 +291,11 @@ def wall_grid(*walls: WallSample) -> pv.UnstructuredGrid:
         "wall_shear_magnitude_Pa": lambda wall: np.linalg.norm(wall.shear, axis=1),
         "pressure_Pa": lambda wall: wall.pressure,
     }
-    for name, values in shown.items():
-        grid.point_data[name] = joined(values)
-    if len(walls) > 1:
-        grid.cell_data["vessel"] = np.repeat(np.arange(len(walls)), [len(wall.quads) for wall in walls])
-    return grid
+    data = {name: joined(values) for name, values in shown.items()}
+    numbers = np.repeat(np.arange(len(walls)), [len(wall.quads) for wall in walls])
+    vessels = {"vessel": numbers} if len(walls) > 1 else {}
+    kinds = np.full(len(nodes), QUAD)
+    return Grid(joined(lambda wall: wall.points), nodes.ravel(), 4 * np.arange(1, len(nodes) + 1), kinds, data, vessels)
 
 
 def write_index(path: Path, files: Sequence[str], times: Sequence[float]) -> None:

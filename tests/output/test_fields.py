@@ -15,7 +15,7 @@ from ngfsi_geometry.segment import MeshSettings
 
 from ngfsi.errors import OutputError
 from ngfsi.mesh.domain import Domain
-from ngfsi.store.fields import DEFORMATION, MIRRORED, STRESS, FieldWriter
+from ngfsi.store.fields import CELL_TYPES, DEFORMATION, STRESS, CellType, FieldWriter
 from ngfsi.store.stored import StoredRun
 from tests.output.fake import GEOMETRY, INFLATION, domain, wall_sample
 
@@ -105,12 +105,18 @@ def test_invariants_of_the_tensors(tmp_path: Path) -> None:
     np.testing.assert_allclose(grid["principal_stretches_1"], np.tile([1.3, 1.1, 0.8], (count, 1)), rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", MIRRORED)
-def test_mirrored_cells(name: str) -> None:
-    """The order of nodes mirrors VTK's reference cell as a whole, middle nodes included."""
-    cell = vtk.vtkGenericCell.InstantiateCell(getattr(pv.CellType, name))
+@pytest.mark.parametrize("kind", CELL_TYPES.values(), ids=lambda kind: kind.name)
+def test_cells_are_those_of_vtk(kind: CellType) -> None:
+    """Nodes are where VTK has them, and the order of the mirrored cell mirrors it as a whole."""
+    cell = vtk.vtkGenericCell.InstantiateCell(kind.number)
+    assert pv.CellType(kind.number).name == kind.name
     nodes = np.reshape([cell.GetParametricCoords()[i] for i in range(3 * cell.GetNumberOfPoints())], (-1, 3))
-    mirrored = nodes[MIRRORED[name]]
+    if kind.kind == "pyramid13":  # VTK's parameters are those of a cube, one face of which is the apex
+        nodes[:, :2] *= 1 - nodes[:, 2:]
+    ours = kind.nodes()
+    np.testing.assert_allclose(np.pad(ours, ((0, 0), (0, 3 - ours.shape[1]))), nodes, atol=1e-15)
+    assert np.linalg.det(ours[list(kind.arms)] - ours[0]) > 0
+    mirrored = nodes[list(kind.mirrored)]
     place = np.column_stack([nodes, np.ones(len(nodes))])
     motion, _, dimension, _ = np.linalg.lstsq(place, mirrored, rcond=None)
     assert place @ motion == pytest.approx(mirrored, abs=1e-12)
