@@ -34,6 +34,7 @@ from ngfsi.gradient.functionals import Measured, measured
 from ngfsi.gradient.lagrangian import Lagrangian, Residual, Uncondensed
 from ngfsi.gradient.parameters import Parameter
 from ngfsi.gradient.vectors import Vectors
+from ngfsi.gradient.window import Window
 from ngfsi.linear.backends import BACKENDS, choose_backend
 from ngfsi.linear.factorisation import Factorisation
 from ngfsi.measure.deformation import Deformation
@@ -45,7 +46,6 @@ from ngfsi.solve.newton import WEIGHT_DRIFT, Newton
 from ngfsi.solve.time_loop import Solved, TimeLoop
 from ngfsi.system.schemes import Weights
 from ngfsi.system.system import BEFORE, System
-from ngfsi.units import SAME_TIME
 
 TOLERANCE, OF_SOLIDS = 1e-9, 1e-12
 """Of Newton's method at most, with blood, whose pressure rounds its velocity, and without: the gradient is of states
@@ -105,54 +105,6 @@ class Slopes:
     velocity: Array | float
     acceleration: Array | float
     memory: Remembered
-
-
-@dataclass(frozen=True)
-class Window:
-    """What is made of a quantity over time: its mean over a window, or its change from the start to the end.
-
-    Attributes:
-        start, end: s; the end at infinity is that of the run.
-        kind: mean: of values that are linear between steps; end: the value at the end; change: that less the first;
-            loss: the fraction of the first that is lost.
-    """
-
-    kind: str = "end"
-    start: float = 0.0
-    end: float = np.inf
-
-    def weights(self, times: Array, values: Array) -> tuple[float, Array]:
-        """Return the number that is made of values at times, and its derivatives by them."""
-        slopes = np.zeros(len(times))
-        if self.kind == "mean":
-            start, end = max(self.start, times[0]), min(self.end, times[-1])
-            if start > end + SAME_TIME:
-                raise CaseError(f"--window {self.start:g},{self.end:g} holds no time of the run, which ends at "
-                                f"{times[-1]:g} s")  # fmt: skip
-            if end - start > SAME_TIME:
-                sizes, ends = np.diff(times), np.clip(times, start, end)
-                inside, middle = np.diff(ends) / (end - start), (ends[:-1] + ends[1:]) / 2
-                slopes[:-1] += inside * (times[1:] - middle) / sizes
-                slopes[1:] += inside * (middle - times[:-1]) / sizes
-                return float(slopes @ values), slopes
-        after = min(max(int(np.searchsorted(times, self.end - SAME_TIME)), 1), len(times) - 1)
-        done = min(max((self.end - times[after - 1]) / (times[after] - times[after - 1]), 0.0), 1.0)
-        slopes[after - 1], slopes[after] = 1.0 - done, done
-        first, last = values[0], slopes @ values
-        if self.kind in ("end", "mean"):
-            return float(last), slopes
-        if self.kind == "change":
-            slopes[0] -= 1.0
-            return float(last - first), slopes
-        slopes /= -first
-        slopes[0] += last / first**2
-        return float(1 - last / first), slopes
-
-
-def wanted(of: str, kinds: Sequence[str]) -> tuple[str, str]:
-    """Return the quantity that a name means, and what is made of it."""
-    name, _, kind = of.rpartition("_")
-    return (name, kind) if name and kind in kinds else (of, "end")
 
 
 @dataclass
@@ -280,12 +232,12 @@ class StoredStates:
         return np.array([self.moments[number].time for number in self.accepted])
 
     def values(self) -> dict[str, Array]:
-        """Return each quantity at the accepted states (SI)."""
-        found: dict[str, list[float]] = {name: [] for name in self.measured}
+        """Return each quantity at the accepted states (SI), one number each, or the parts of which one is made."""
+        found: dict[str, list[Any]] = {name: [] for name in self.measured}
         for number in self.accepted:
             self.show(number)
             for name, one in self.measured.items():
-                found[name].append(one.value())
+                found[name].append(one.record())
         return {name: np.array(values) for name, values in found.items()}
 
     def show(self, number: int, system: System | None = None) -> None:
@@ -359,8 +311,8 @@ class Varied:
             self._run.show(number, system)
             system.values[:] = self._run.moments[number].state
             own = self._measured.get(name)
-            values.append(own[place].value() if own else self._run.measured[name].under(system))
-        return (values[0] - values[1]) / (2 * self.parameter.step)
+            values.append(own[place].record() if own else self._run.measured[name].under(system))
+        return self._run.measured[name].weighed(values[0] - values[1]) / (2 * self.parameter.step)
 
 
 class Acting(Residual):
@@ -726,7 +678,7 @@ def gradient_of(
         started = perf_counter()
         run = StoredStates(case, domain, say, [quantity], folder)
         ran = perf_counter()
-        value, weights = window.weights(run.times, run.values()[quantity])
+        value, weights = run.measured[quantity].made(window, run.times, run.values()[quantity])
         adjoint = Adjoint(run, parameters)
         derivatives = adjoint.derivatives({quantity: weights}, say)
         swept = perf_counter() - ran - adjoint.seconds

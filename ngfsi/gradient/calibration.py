@@ -20,8 +20,9 @@ from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.config.columns import all_columns
 from ngfsi.errors import CaseError, unknown
-from ngfsi.gradient.adjoint import Adjoint, StoredStates, Window, same_mesh, wanted
+from ngfsi.gradient.adjoint import Adjoint, StoredStates, same_mesh
 from ngfsi.gradient.parameters import Parameter, bounds_of, changed, parameters_of
+from ngfsi.gradient.window import Window, wanted
 from ngfsi.identify.least_squares import Fit, Unknown, fit
 from ngfsi.mesh.domain import Domain
 from ngfsi.solve.initial import Say, silent
@@ -182,7 +183,7 @@ class Runs:
             run = StoredStates(case, domain, silent, self._quantities)
             over_time, times = run.values(), run.times
         self.runs += 1
-        pairs = [one.window.weights(times, over_time[one.quantity]) for one in self.data]
+        pairs = [run.measured[one.quantity].made(one.window, times, over_time[one.quantity]) for one in self.data]
         return run, np.array([value for value, _ in pairs]), [weights for _, weights in pairs]
 
     def slopes(self, values: Array) -> Array:

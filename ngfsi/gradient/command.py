@@ -7,14 +7,15 @@ from typing import Any
 
 from ngfsi.case import Case
 from ngfsi.errors import CaseError
-from ngfsi.gradient.adjoint import Gradient, Window, gradient_of, wanted
+from ngfsi.gradient.adjoint import Gradient, gradient_of
 from ngfsi.gradient.parameters import parameters_of
+from ngfsi.gradient.window import Window, wanted
 from ngfsi.solve.initial import Say
 from ngfsi.store.disk import explained
 from ngfsi.store.table import write_rows
 from ngfsi.units import symbol
 
-KINDS = ("mean", "change", "loss")
+KINDS = ("mean", "least", "change", "loss")
 """What may be made of a quantity, other than its value at the end."""
 CHART = "gradient.png"
 SHOWN = 40
@@ -47,8 +48,8 @@ def gradient(case: Case, of: str, by: str, window: str, folder: Path, say: Say) 
 def _times(window: str, kind: str) -> tuple[float, ...]:
     if not window:
         return ()
-    if kind != "mean":
-        raise CaseError(f"--window {window} is for means: write --of QUANTITY_mean")
+    if kind not in ("mean", "least"):
+        raise CaseError(f"--window {window} is for means: write --of QUANTITY_mean or --of tawss_least")
     try:
         start, end = map(float, window.split(","))
     except ValueError:

@@ -20,6 +20,7 @@ from ngsolve import InnerProduct
 from ngfsi.arrays import Array
 from ngfsi.conditions.openings import through
 from ngfsi.errors import CaseError, unknown
+from ngfsi.gradient.window import Window
 from ngfsi.measure.hole import Hole
 from ngfsi.measure.plane import PlaneSectionProbe
 from ngfsi.measure.sections import STATIONS, Sections
@@ -36,6 +37,8 @@ AT_HEIGHT = re.compile(r"area_at_(\d+(?:\.\d+)?)mm")
 """Area of the lumen at a distance along the centreline."""
 POINTS = 6
 """Orders of integration more for each distance of stations that an element is long."""
+SHARPNESS = 32
+"""Power of the smooth minimum: it is at most 15 % above the smallest face's if that is a hundredth of the wall."""
 SMALL = 1e-30
 """Step of a derivative by a complex argument."""
 
@@ -85,17 +88,24 @@ def _volume(place: Place) -> dict[str, Integral]:
     return {"volume": place.inside(Kinematics(place.fields.grad_motion).J)}
 
 
-def _shear(place: Place, weight: Any = 1.0, *on: Any) -> dict[str, Integral]:
-    """Return the size of the wall shear stress, from the trace of the velocity's gradient, and the deformed area, both
-    times a weight; `on`: as of `Place.around`."""
-    f, wall = place.fields, place.vessel.interface
+def _shear_and_size(place: Place) -> tuple[Any, Any]:
+    """Return the size of the wall shear stress, from the trace of the velocity's gradient, and the deformed area over
+    that of the reference shape."""
+    f = place.fields
     assert f is not None
     k = Kinematics(f.grad_motion)
     area = k.cof * ng.specialcf.normal(3)
     size = ng.Norm(area)
     shear = terms.tangential(terms.viscous_stress(place.system.blood, k, f.grad_velocity) * (area / size), area / size)
-    parts = {"shear": weight * ng.Norm(shear) * size, "size": weight * size}
-    return {name: place.around(wall, part, *on) for name, part in parts.items()}
+    return ng.Norm(shear), size
+
+
+def _shear(place: Place, weight: Any = 1.0, *on: Any) -> dict[str, Integral]:
+    """Return the size of the wall shear stress, and the deformed area, both times a weight; `on`: as of
+    `Place.around`."""
+    shear, size = _shear_and_size(place)
+    parts = {"shear": weight * shear * size, "size": weight * size}
+    return {name: place.around(place.vessel.interface, part, *on) for name, part in parts.items()}
 
 
 def _shear_at(station: int) -> Callable[[Place], dict[str, Integral]]:
@@ -235,13 +245,26 @@ class Measured(ABC):
     def value(self) -> float:
         """Return the quantity in the present state (SI)."""
 
+    def record(self) -> Any:
+        """Return what is kept of the present state for `made`: one number, or an array of parts."""
+        return self.value()
+
+    def made(self, window: Window, times: Array, records: Array) -> tuple[float, Array]:
+        """Return what is made of records of all states at times (s), and its derivatives by the values at the states,
+        of which those of parts are sums with weights found here."""
+        return window.weights(times, records)
+
+    def weighed(self, record: Any) -> float:
+        """Return the value at a state of which a record is kept, after `made`."""
+        return float(record)
+
     @abstractmethod
     def gradient(self) -> tuple[Array, Array]:
         """Return its derivatives by all unknowns, and by the history of the velocity."""
 
     @abstractmethod
-    def under(self, system: System) -> float:
-        """Return the quantity in the state of the last `value` or `gradient`, with the loads of another system."""
+    def under(self, system: System) -> Any:
+        """Return the record of the state of the last `record` or `gradient`, with the loads of another system."""
 
 
 def measured(system: System, name: str) -> Measured:
@@ -268,7 +291,11 @@ def measured(system: System, name: str) -> Measured:
     if name in shears:
         vessel, station = shears[name]
         return OfIntegrals(system, Functional("Pa", _shear_at(station), _mean_shear), vessel)
-    raise CaseError(unknown("quantity with a gradient", name, [*known, *areas, *shears]))
+    of_faces = {f"{vessel.name}_tawss" if vessel.name else "tawss": vessel
+                for vessel in system.domain.vessels if vessel.lumen}  # fmt: skip
+    if name in of_faces:
+        return AveragedShear(system, of_faces[name])
+    raise CaseError(unknown("quantity with a gradient", name, [*known, *areas, *shears, *of_faces]))
 
 
 class OfIntegrals(Measured):
@@ -318,6 +345,98 @@ class OfIntegrals(Measured):
             form.Apply(self._point.vec, self._result)
             found += slope / step * np.asarray(self._result.FV().NumPy())
         return found[:half], found[half:]
+
+
+class AveragedShear(Measured):
+    """The wall shear stress at material points, averaged over time and each face of the wall: TAWSS.
+
+    Attributes:
+        areas: of the faces of the reference shape (m2).
+    """
+
+    unit = "Pa"
+
+    def __init__(self, system: System, vessel: Vessel) -> None:
+        self._system, space, faces = system, system.unknowns.space, ng.FacetFESpace(system.domain.mesh, order=0)
+        self._all = ng.FESpace([*space.components, *space.components, faces])
+        *trial, weight = self._all.TrialFunction()
+        names = system.unknowns.fields
+        state, history = (dict(zip(names, part, strict=True)) for part in (trial[: len(names)], trial[len(names) :]))
+        place = Place(system, vessel, state[MOTION], _fields(system, state, history))
+        self._point = ng.GridFunction(self._all)
+        on_wall = np.array(list(faces.GetDofs(system.domain.boundaries(vessel.interface))))
+        self._faces = 2 * space.ndof + np.flatnonzero(on_wall)
+        # of the whole an integral with a weight for each face, whose derivative by the weights are those of the faces
+        self._form, size = (self._of(place, vessel, weight * part) for part in (_shear_and_size(place)[0], 1.0))
+        self.areas = self._slopes(size)[self._faces]
+
+    def _of(self, place: Place, vessel: Vessel, integrand: Any) -> ng.BilinearForm:
+        form = ng.BilinearForm(self._all, nonassemble=True, check_unused=False)
+        integrands, measure = place.around(vessel.interface, integrand)
+        form += ng.Variation(integrands[0].Compile() * measure)
+        return form
+
+    def _slopes(self, form: ng.BilinearForm) -> Array:
+        result = self._point.vec.CreateVector()
+        form.Apply(self._point.vec, result)
+        return np.asarray(result.FV().NumPy()).copy()
+
+    def _all_slopes(self) -> Array:
+        values, half = self._point.vec.FV().NumPy(), self._system.unknowns.size
+        values[:half] = self._system.values
+        values[half : 2 * half] = self._system.velocity_history.vec.FV().NumPy()
+        return self._slopes(self._form)
+
+    def record(self) -> Array:
+        """Return the integrals of the stress over the faces (N), and their areas."""
+        self._known = np.array([self._all_slopes()[self._faces], self.areas])
+        return self._known
+
+    def made(self, window: Window, times: Array, records: Array) -> tuple[float, Array]:
+        slopes = window.weights(times, np.zeros(len(times)))[1]
+        forces, areas = np.tensordot(slopes, records, axes=1)
+        if window.kind not in AVERAGES:
+            raise CaseError(f"--of tawss: there is {' and '.join(f'tawss_{kind}' for kind in AVERAGES)} over a window")
+        value, self._weights = AVERAGES[window.kind](forces, areas)
+        self._point.vec.FV().NumPy()[self._faces] = self._weights[0]
+        return value, slopes
+
+    def value(self) -> float:
+        return self.weighed(self.record())
+
+    def weighed(self, record: Array) -> float:
+        return float((self._weights * record).sum())
+
+    def under(self, _system: System) -> Array:
+        return self._known
+
+    def gradient(self) -> tuple[Array, Array]:
+        slopes, half = self._all_slopes(), self._system.unknowns.size
+        self._known = np.array([slopes[self._faces], self.areas])
+        return slopes[:half], slopes[half : 2 * half]
+
+
+def mean_over_faces(forces: Array, areas: Array) -> tuple[float, Array]:
+    """Return the mean of forces over areas, and its derivatives (2, faces) by both."""
+    whole = areas.sum()
+    mean = forces.sum() / whole
+    return float(mean), np.array([np.full_like(forces, 1 / whole), np.full_like(forces, -mean / whole)])
+
+
+def least_of_faces(forces: Array, areas: Array) -> tuple[float, Array]:
+    """Return the mean over the area of forces over areas to the power -`SHARPNESS`, in the unit of it, and its
+    derivatives (2, faces) by both: that of the smallest, but smooth."""
+    stresses, whole = forces / areas, areas.sum()
+    powers = (stresses / stresses.min()) ** -SHARPNESS
+    sum_of_powers = (areas * powers).sum()
+    least = stresses.min() * (sum_of_powers / whole) ** (-1 / SHARPNESS)
+    by_stresses = least * areas * powers / stresses / sum_of_powers
+    by_areas = -least / SHARPNESS * (powers / sum_of_powers - 1 / whole)
+    return float(least), np.array([by_stresses / areas, by_areas - by_stresses * stresses / areas])
+
+
+AVERAGES = {"mean": mean_over_faces, "least": least_of_faces}
+"""What may be made of the stresses of all faces, by the kind of window."""
 
 
 class Area(Measured):

@@ -11,9 +11,10 @@ from ngfsi.case import Case
 from ngfsi.cli import main
 from ngfsi.config.functions import PressureRamp
 from ngfsi.errors import CaseError, MaterialError, OutputError
-from ngfsi.gradient.adjoint import Adjoint, Window
+from ngfsi.gradient.adjoint import Adjoint
 from ngfsi.gradient.calibration import Datum, Runs, calibrate, read_data
 from ngfsi.gradient.parameters import parameters_of, two_numbers
+from ngfsi.gradient.window import Window
 from ngfsi.store.table import read_rows
 from tests.gradient.test_gradient import VEIN, WAVES
 from tests.vein import Array, domain_of

@@ -15,12 +15,13 @@ from ngfsi.case import Case
 from ngfsi.cli import main
 from ngfsi.conditions import Condition, ConditionModel, ContactModel
 from ngfsi.conditions.openings import ResistanceOpening, WindkesselOpening
-from ngfsi.config.functions import FlowConstant, FlowWaveform, PressureConstant, PressureRamp, PressureTable
+from ngfsi.config.functions import FlowConstant, FlowTable, FlowWaveform, PressureConstant, PressureRamp, PressureTable
 from ngfsi.errors import CaseError
-from ngfsi.gradient import command, vectors
-from ngfsi.gradient.adjoint import Gradient, StoredStates, Window, gradient_of, same_mesh, wanted
+from ngfsi.gradient import command, functionals, vectors
+from ngfsi.gradient.adjoint import Gradient, StoredStates, gradient_of, same_mesh
 from ngfsi.gradient.functionals import functionals_of, measured
 from ngfsi.gradient.parameters import Parameter, changed, parameters_of
+from ngfsi.gradient.window import Window, wanted
 from ngfsi.materials.fluid.carreau_yasuda import CarreauYasuda
 from ngfsi.materials.solid.viscosity import SolidViscosity
 from ngfsi.measure.probe import Probe
@@ -54,7 +55,7 @@ def gradient(case: Case, quantity: str, window: Window, by: str, domain: Domain 
 def value(case: Case, quantity: str, window: Window) -> float:
     """Return the quantity of a run."""
     run = StoredStates(case, domain_of(case.geometry), quantities=[quantity])
-    return window.weights(run.times, run.values()[quantity])[0]
+    return run.measured[quantity].made(window, run.times, run.values()[quantity])[0]
 
 
 def moved(case: Case, parameters: Sequence[Parameter], changes: Sequence[float] | Array) -> Case:
@@ -103,6 +104,10 @@ CASES: dict[str, tuple[Case, str, Window, str]] = {
                                              time_constant=3.3, n=0.36),
             "conditions.contact": ContactModel(), "time.end": 0.1, "time.scheme": "static",
         }), "sawss", Window("mean"), "materials.fluid.n,materials.fluid.viscosity_at_high_shear,materials.wall.young",
+    ),
+    "least TAWSS": (
+        case_of(BONED.replace(aspect_ratio=1.5, lumen_diameter=8e-3), **RAMPED), "tawss", Window("least", 0.05, 0.2),
+        "materials.fluid.viscosity,materials.wall.young,loads",
     ),
     "waves, Maxwell's law": (WAVES.replace(**{
         "materials.tissue": Maxwell(density=1e3, mu=10e3, K=40e3, viscous=5e3, tau=4e-3), "time.end": 6e-3,
@@ -251,6 +256,38 @@ def test_quantities_are_those_of_the_columns() -> None:
         for name in names:
             what = measured(run.system, name)
             assert what.value() == pytest.approx(measures[f"{name}_{what.unit}"](), rel=2e-5, abs=0.0), name
+
+
+def test_least_stress_of_faces() -> None:
+    """Between the smallest one and what is said to be above it; derivatives are those of differences."""
+    random = np.random.default_rng(3)
+    forces, areas = random.uniform(1.0, 2.0, (2, 9))
+    smallest = int(np.argmin(forces / areas))
+    for name, average in functionals.AVERAGES.items():
+        found, slopes = average(forces, areas)
+        for place in range(9):
+            step = 1e-6 * (np.arange(9) == place)
+            ends = [(average(forces + s * step, areas)[0], average(forces, areas + s * step)[0]) for s in (1, -1)]
+            assert slopes[:, place] == pytest.approx((np.array(ends[0]) - ends[1]) / 2e-6, abs=1e-8), name
+    share = areas[smallest] / areas.sum()
+    assert 1.0 < found * areas[smallest] / forces[smallest] < share ** (-1 / functionals.SHARPNESS)
+
+
+def test_stress_over_time() -> None:
+    """TAWSS is a mean of sizes: of a flow that turns around not nothing, of a wall that hardly moves SAWSS."""
+    turning = FlowTable(times=(0.0, 0.1), values=(2.913e-6, -2.913e-6))
+    case = VEIN.replace(**{"loads.inlet_flow": turning, "loads.skin_pressure": PressureConstant(value=0.0),
+                           "time.scheme": "static", "time.step": 0.05, "time.end": 0.1})  # fmt: skip
+    run = StoredStates(case, domain_of(case.geometry), quantities=["tawss", "sawss"])
+    records = run.values()
+    mean, least = (run.measured["tawss"].made(Window(kind), run.times, records["tawss"])[0]
+                   for kind in ("mean", "least"))  # fmt: skip
+    of_sawss = Window("mean").weights(run.times, records["sawss"])[0]
+    assert of_sawss > 0.3 * records["sawss"][0]
+    assert mean == pytest.approx(of_sawss, rel=1e-4)
+    assert 0.9 * mean < least < mean
+    with pytest.raises(CaseError, match="tawss_mean and tawss_least"):
+        run.measured["tawss"].made(Window(), run.times, records["tawss"])
 
 
 def test_area_at_a_height() -> None:

@@ -11,7 +11,7 @@ from ngfsi_geometry.channel import PlaneMesh
 
 from ngfsi import registry
 from ngfsi.case import Case, Materials
-from ngfsi.gradient.adjoint import Window
+from ngfsi.gradient.window import Window
 from ngfsi.solve.statics import section_case
 from tests.gradient.test_gradient import VEIN, gradient, moved, value
 from tests.materials.test_varying import EXAMPLES
