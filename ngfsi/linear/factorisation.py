@@ -11,7 +11,7 @@ import numpy as np
 
 from ngfsi.arrays import Array, Mask, Numbers
 from ngfsi.errors import SolverError
-from ngfsi.linear.backends import BACKENDS, Name
+from ngfsi.linear.backends import BACKENDS, Name, of_double_precision
 from ngfsi.linear.levels import Levels
 from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
@@ -86,6 +86,14 @@ class Factorisation:
         self._inverse_of_last: Any = None
         self._rows_of_last: Any = None
         self._levels, self._scale = levels, scale
+
+    def sharpen(self) -> bool:
+        """Make factors of double precision from the next `renew` on; return whether they were of single precision."""
+        double = of_double_precision(self.backend)
+        if double is None:
+            return False
+        self.backend, self._inverse, self._inverse_of_last = double, None, None
+        return True
 
     def renew(self, state: Any) -> None:
         """Linearise at `state` and factorise.

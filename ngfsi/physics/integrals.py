@@ -25,14 +25,19 @@ def rules(order: int) -> dict[Any, ng.IntegrationRule]:
     return {shape: ng.IntegrationRule(shape, order) for shape in SHAPES}
 
 
-def stress_rules(order: int) -> dict[Any, ng.IntegrationRule]:
-    """Return rules for the work of a solid's stresses, in tetrahedra of order 2 with 8 points.
+def form_rules(k: int, beyond: int = 0, extra: int = 0) -> dict[Any, ng.IntegrationRule]:
+    """Return rules for the weak form on elements of an order k, in tetrahedra of order 2 with 8 points.
 
-    NGSolve has 14 for the orders 3 to 5. On straight ones strains of order 2 are linear, and order 3 is one more than
-    the elements' own error asks for (Ciarlet, The finite element method for elliptic problems, 1978, section 4.1).
+    NGSolve has 14 for the orders 3 to 5. On straight ones strains of order 2 are linear, and the 8 are exact to order
+    3, one more than the elements' own error asks for (Ciarlet, The finite element method for elliptic problems, 1978,
+    section 4.1).
+
+    Args:
+        beyond: order beyond 2 k in other elements.
+        extra: more of it in all elements, which then have NGSolve's rules.
     """
-    found = rules(order)
-    if order <= 4:
+    found = rules(2 * k + beyond + extra)
+    if k == 2 and not extra:
         found[ng.TET] = _of_eight_points()
     return found
 

@@ -18,7 +18,7 @@ from ngfsi.arrays import part_of
 from ngfsi.case import Case
 from ngfsi.case.plausible import implausible
 from ngfsi.errors import Interrupted, NgfsiError, OutputError, SolverError, StoppedError
-from ngfsi.linear.backends import Name, choose_backend, fitting
+from ngfsi.linear.backends import BACKENDS, Name, choose_backend, fitting
 from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.parallel.ranks import all_ranks
@@ -138,13 +138,15 @@ def _finished(computation: Computation, quiet: bool, max_wall: float | None, res
 
 
 def fitting_backend(system: System) -> tuple[Name, str]:
-    """Return the linear solver of a system, which where the case leaves the choice fits its size if it has a solid that
-    can be smoothed, and in that case why."""
-    backend = choose_backend(system.case.solver.linear)
-    if system.case.solver.linear != "auto" or system.ranks.size > 1 or not system.solids:
-        return backend, ""
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    return fitting(backend, system.unknowns.size, system.case.discretisation.order, memory)
+    """Return the linear solver of a system, and why, where the case leaves the choice: that fits its size if it has a
+    solid that can be smoothed. Direct ones have factors of single precision if they can."""
+    backend, why = choose_backend(system.case.solver.linear), ""
+    if system.case.solver.linear != "auto" or system.ranks.size > 1:
+        return backend, why
+    if system.solids:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+        backend, why = fitting(backend, system.unknowns.size, system.case.discretisation.order, memory)
+    return BACKENDS[backend].single or backend, why
 
 
 class Computation:

@@ -12,6 +12,8 @@ The rule of renewal, in one place:
                   have come to what new ones cost (`renewal_cost`): if they grow evenly, the sum of both is then least;
                   the factors are those of the steps to come, which a single step of backward Euler before can use, too;
   within a step   `PATIENCE` iterations do not reduce the change to a third, or it grows to `GROWTH` times the first.
+Factors of single precision make place for ones of double precision, for the rest of the run, where they were made in
+this step and still are too slow, or the solve fails.
 With solver.linearise = "always" it happens before every update. Newton's method that makes the change grow as much has
 diverged, and the solve is given up.
 """
@@ -79,19 +81,25 @@ class Mixing:
     def __init__(self, *equations: float) -> None:
         """Begin; `equations`: parameters of which the derivatives depend."""
         self._equations = np.array(equations)
-        self._dx: list[Array] = []
-        self._dg: list[Array] = []
+        self._count = 0
+        self._rows = np.zeros((2, 0, 0))
+        """Differences of g, and of x + g; the next one takes the place of the oldest."""
+        self._products = np.zeros((DEPTH, DEPTH))
+        """Of the differences of g, in the scale of this solve."""
         self._last: tuple[Array, Array] | None = None
 
     def arrays(self) -> dict[str, Array]:
         """Return what it has learnt as plain arrays, for storage."""
-        return {"equations": self._equations, "dx": np.array(self._dx), "dg": np.array(self._dg)}
+        known = self._rows[:, : self._known]
+        return {"equations": self._equations, "rows": known.copy(), "count": np.array(self._count)}
 
     @classmethod
     def stored(cls, arrays: Mapping[str, Array]) -> Mixing:
         """Return the mixing stored as `arrays`."""
-        mixing = cls(*arrays["equations"])
-        mixing._dx, mixing._dg = list(arrays["dx"]), list(arrays["dg"])
+        mixing, rows = cls(*arrays["equations"]), arrays["rows"]
+        mixing._count = int(arrays["count"])
+        mixing._rows = np.empty((2, DEPTH if mixing._count else 0, rows.shape[2]))
+        mixing._rows[:, : mixing._known] = rows
         return mixing
 
     def of(self, *equations: float) -> Mixing:
@@ -102,33 +110,51 @@ class Mixing:
         return self
 
     def next(self, x: Array, g: Array, scale: Array) -> Array:
-        """Return the next iterate from the point x and its plain step g."""
+        """Return the next iterate from the point x and its plain step g; in a solve the scale stays the same."""
+        weight = scale**-2
         if self._last is not None:
-            self._dx.append(x - self._last[0])
-            self._dg.append(g - self._last[1])
-            del self._dx[:-DEPTH], self._dg[:-DEPTH]
+            self._learn(x - self._last[0], g - self._last[1], weight)
+        elif self._known:
+            rows = self._rows[0, : self._known] / scale
+            self._products[: self._known, : self._known] = rows @ rows.T
         self._last = x, g
-        if not self._dx:
+        if not self._known:
             return x + g
-        dg = np.array(self._dg)
-        weights = _least_squares(dg / scale, g / scale)
-        return np.asarray(x + g - weights @ np.array(self._dx) - weights @ dg)
+        rows, both = self._rows[:, : self._known]
+        found = _least_squares(rows, self._products[: self._known, : self._known], weight, g)
+        return np.asarray(x + g - found @ both)
+
+    @property
+    def _known(self) -> int:
+        return min(self._count, DEPTH)
+
+    def _learn(self, dx: Array, dg: Array, weight: Array) -> None:
+        if not self._count:
+            self._rows = np.empty((2, DEPTH, len(dx)))
+        at = self._count % DEPTH
+        self._rows[0, at], self._rows[1, at] = dg, dx + dg
+        self._count += 1
+        products = self._rows[0, : self._known] @ (weight * dg)
+        self._products[at, : self._known] = self._products[: self._known, at] = products
 
 
-def _least_squares(rows: Array, wanted: Array) -> Array:
-    """Return the weights of the rows, few and long, whose sum comes closest to a vector.
+def _least_squares(rows: Array, products: Array, weight: Array, wanted: Array) -> Array:
+    """Return the weights of the rows, few and long, whose sum comes closest to a vector, by given weights of entries.
 
     By normal equations of the rows at unit length, in a third of the time of an orthogonal factorisation; a correction
     for what is left makes up for their rounding.
+
+    Args:
+        products: of the rows with each other.
     """
-    products = rows @ rows.T
     lengths = np.sqrt(np.diag(products))
     lengths[lengths == 0.0] = 1.0
     inverse = np.linalg.pinv(products / np.outer(lengths, lengths), rcond=DEPENDENT, hermitian=True)
-    weights = np.zeros(len(rows))
-    for _ in range(2):
-        weights += inverse @ (rows @ (wanted - weights @ rows) / lengths) / lengths
-    return weights
+    found = np.zeros(len(rows))
+    for again in (False, True):
+        left = wanted - found @ rows if again else wanted
+        found += inverse @ (rows @ (weight * left) / lengths) / lengths
+    return found
 
 
 class Newton:
@@ -149,6 +175,7 @@ class Newton:
         self._factored_weight: float | None = None
         self._cost = renewal_cost(system.unknowns.size, iterates=BACKENDS[backend].iterates is not None)
         self._excess = 0
+        self._sharpened = False
         self._factored_at: list[dict[str, Array]] = []
         self._mixing = Mixing(*self._equations())
         self._update = system.state.vec.CreateVector()
@@ -161,16 +188,18 @@ class Newton:
         kept = {f"point{i}.{name}": part for i, point in enumerate(self._factored_at) for name, part in point.items()}
         kept |= {f"mixing.{name}": part for name, part in self._mixing.arrays().items()}
         weight = np.nan if self._factored_weight is None else self._factored_weight
-        return kept | {"renewal": np.array([weight, self._excess])}
+        return kept | {"renewal": np.array([weight, self._excess, self._sharpened])}
 
     def restore(self, arrays: Mapping[str, Array]) -> None:
         """Go on as the solver that returned `arrays`; its factors are made again, and the system is left there."""
+        weight, excess, sharpened = arrays["renewal"]
         self._factored_at = []
+        if sharpened:
+            self._sharpen()
         for i in range(FACTORED_KEPT):
             if point := part_of(arrays, f"point{i}"):
                 self.system.restore(point)
                 self._factorise()
-        weight, excess = arrays["renewal"]
         self._factored_weight = None if np.isnan(weight) else float(weight)
         self._excess = int(excess)
         self._mixing = Mixing.stored(part_of(arrays, "mixing"))
@@ -194,7 +223,9 @@ class Newton:
         except SolverError:
             self.system.values[:] = start
             self._factored_weight = None
-            raise
+            if not self._sharpen():
+                raise
+            return self.solve(tolerance, max_iterations, ahead)
         self._excess += max(0, solution.iterations - FEWEST)
         return solution
 
@@ -229,6 +260,8 @@ class Newton:
                 self.system.values[self.free] = self._mixing.next(x, step, scale)
                 continue
             always_renew = always_renew or solution.factorisations >= 2
+            if solution.factorisations:
+                self._sharpen()
             # the best state may be that of the factors, where renewing them would change nothing
             self.system.values[self.free] = (best + x) / 2 if self._grown(history) else x + step
             self._renew(solution, self.system.new_weight.Get())
@@ -269,6 +302,13 @@ class Newton:
         self._mixing = Mixing(*self._equations())
         self._excess = 0
         solution.factorisations += 1
+
+    def _sharpen(self) -> bool:
+        """Take factors of double precision from now on; return whether they were of single precision."""
+        if not self.factorisation.sharpen():
+            return False
+        self._sharpened, self._factored_at = True, []
+        return True
 
     def _factorise(self) -> None:
         with self.system.ranks.order("renew", lambda: self.number, self.system.changed_state):

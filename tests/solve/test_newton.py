@@ -67,6 +67,9 @@ class Algebraic:
     def snapshot(self) -> dict[str, Vector]:
         return {"state": self.values.copy()}
 
+    def restore(self, snapshot: dict[str, Vector]) -> None:
+        self.values[:] = snapshot["state"]
+
     def changed_state(self) -> dict[str, Vector]:
         raise AssertionError("there is nobody to tell")
 
@@ -94,10 +97,18 @@ class Dense:
     def __init__(self, system: Algebraic, free: NDArray[np.bool_]) -> None:
         self.system, self.free, self.count = system, free, 0
         self.at: list[Vector] = []
+        self.rounding: Vector | None = None
+        """Of the factors, until they are of double precision."""
+
+    def sharpen(self) -> bool:
+        rounded, self.rounding = self.rounding is not None, None
+        return rounded
 
     def renew(self, state: Any) -> None:
         assert state is self.system.state.vec
         self.matrix = self.system.jacobian()
+        if self.rounding is not None:
+            self.matrix = self.matrix + self.rounding / SCALE
         self.count += 1
         self.at.append(self.system.values.copy())
 
@@ -234,6 +245,28 @@ def test_new_factors_when_slow_steps_have_cost_as_much(make: Make, monkeypatch: 
         assert solution.factorisations == (excess >= cost)
         excess = (0 if solution.factorisations else excess) + solution.iterations - 1
     assert 1 <= sum(renewed) < 10
+
+
+@pytest.mark.parametrize("rounding", [0.01, 30.0, np.nan])
+def test_factors_of_single_precision_serve_while_the_solution_converges(make: Make, rounding: float) -> None:
+    """Once renewed ones are too slow, or the solve fails, the same is solved with others, and so is what follows."""
+    system = Algebraic()
+    system.values[:] = 1.3 * SCALE * SOLUTION
+    newton = make(system)
+    dense: Any = newton.factorisation
+    dense.rounding = rounding * RNG.standard_normal((SIZE, SIZE))
+    newton.solve(1e-10, 60)
+    assert system.values / SCALE == pytest.approx(SOLUTION, rel=1e-9)
+    serves = rounding == 0.01
+    assert (dense.rounding is not None) == serves
+    kept = newton.arrays()
+    other = make(system)
+    again: Any = other.factorisation
+    again.rounding = rounding * RNG.standard_normal((SIZE, SIZE))
+    other.restore(kept)
+    assert (again.rounding is not None) == serves
+    if not serves:
+        np.testing.assert_array_equal(again.matrix, dense.matrix)
 
 
 def test_fixed_unknowns_stay(make: Make) -> None:
