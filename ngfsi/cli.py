@@ -362,6 +362,13 @@ def design(
     section_loss: Annotated[
         float, typer.Option(help="Fraction of the area of each of eleven sections that may be lost.", min=0, max=1)
     ] = 1.0,
+    times: Annotated[
+        str,
+        typer.Option(
+            metavar="0,0.5,1,1.5,2",
+            help="Times of a cycle (s) at which each cuff's pressure is free; default: the vein is at rest.",
+        ),
+    ] = "",
     also: Annotated[
         list[str] | None,
         typer.Option(
@@ -369,6 +376,10 @@ def design(
             help="The same pressures are for the case with this value, too, and the least "
             "of all is to be large; may be given again.",
         ),
+    ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(help="Begin with the pressures.csv of a design.", metavar="pressures.csv", show_default=False),
     ] = None,
     output: Annotated[
         Path | None,
@@ -380,7 +391,8 @@ def design(
 ) -> None:
     """Find pressures on the skin by gradients.
 
-    Which pressures of cuffs that cover the skin, of a bounded mean, make a quantity of the vein at rest largest.
+    Which pressures of cuffs that cover the skin, of a bounded mean, make a quantity of the vein at rest largest; with
+    --times, which cycles of pressures its mean over the last cycle of the run.
 
     Example: ngfsi design calf.toml --mean 12mmHg --high 24mmHg
     """
@@ -395,7 +407,8 @@ def design(
     folder = output or Path("runs") / f"design-{chosen.name}"
     others = [_chosen(case, [*(changes or ()), one]) for one in also or ()]
     with _interruptible(folder):
-        found = command.design(chosen, of, cuffs, limits, folder, (lambda _: None) if quiet else _say, others)
+        say = (lambda _: None) if quiet else _say
+        found = command.design(chosen, of, cuffs, limits, folder, say, others, start, times)
     typer.echo(command.sentence(found, of))
     typer.echo(f"The pressures and the case under them are in '{folder}'")
 

@@ -18,7 +18,7 @@ NGSolve's in place of a number, of which there would be one form each as well. O
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -380,12 +380,15 @@ class Adjoint:
         self._varied = [Varied(one, run) for one in parameters]
         self.seconds = perf_counter() - started
 
-    def derivatives(self, weights: Mapping[str, Array], say: Say = silent) -> Array:
+    def derivatives(
+        self, weights: Mapping[str, Array], say: Say = silent, seen: Callable[[int, Array], None] | None = None
+    ) -> Array:
         """Return the derivatives by the parameters of a number that is made of quantities, by one sweep backwards.
 
         Args:
             weights: of each quantity, the derivatives of the number by its values at the accepted states. Of a misfit
                 they are the weighted gaps: a sweep is the same for one measured value and for all.
+            seen: is given the number of each moment and its multipliers.
 
         Raises:
             CaseError: something acts of which the derivative is not known; says when.
@@ -409,6 +412,8 @@ class Adjoint:
                 continue  # nothing measured depends on this state
             run.show(number)
             multipliers, by_state = self._step(number, slopes[number], owed, remembered)
+            if seen is not None:
+                seen(number, multipliers)
             before = perf_counter()
             for place, one in enumerate(self._varied):
                 found[place] += one.slopes(number, multipliers, by_state, memory)

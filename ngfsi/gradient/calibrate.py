@@ -62,7 +62,7 @@ def run(
     parameters = parameters_of(case, [one.strip() for one in by.split(",")])
     pairs = [dict(two_numbers(case, one, option) for one in texts)
              for texts, option in ((bounds, "--bounds"), (priors, "--prior"))]  # fmt: skip
-    runs = Runs(case, parameters, read_data(data, case), say)
+    runs = Runs(case, parameters, read_data(data, case), say, folder=folder)
     first = runs.values(np.array([one.value for one in parameters]))
     fit = calibrate(runs, *pairs)
     found = Calibration(fit, runs, first, check(fit, runs.values, checked) if checked else None)

@@ -15,6 +15,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from ngfsi.arrays import Array
 from ngfsi.units import Shown
@@ -151,17 +152,43 @@ def data_and_model(panels: Mapping[str, Mapping[str, Measurements]], path: Path)
     figure.savefig(path)
 
 
-def pressures_on_skin(angles: Array, heights: Array, pressures: Array, path: Path) -> None:
+def pressures_on_skin(angles: Array, heights: Array, pressures: Array, path: Path, picture: Path | None = None) -> None:
     """Draw the pressures of fields of the unrolled skin.
 
     Args:
         angles, heights: ends of the fields (rad, m).
         pressures: (heights - 1, angles - 1) Pa.
+        picture: of the same pressures on the segment in the same colours, for the left.
     """
     angle, height, pressure = Shown("angle from x, lateral", "deg"), Shown("height", "mm"), Shown("pressure", "mmHg")
-    figure, axes = new_figure(6.4, 3.4)
+    if picture is None:
+        figure, axes = new_figure(6.4, 3.4)
+    else:
+        figure, (beside, axes) = new_figure(11.0, 3.4, 1, 2)
+        beside.imshow(imread(picture))
+        beside.set_title("from the side that is pressed most, and opposite; ends of the vein red", fontsize=8)
+        beside.set_axis_off()
     drawn = axes.pcolormesh(angle(angles), height(heights), pressure(pressures), cmap="cividis", vmin=0)
     axes.set(xlabel=angle.label, ylabel=height.label, xticks=(-180, -90, 0, 90, 180))
+    figure.colorbar(drawn, ax=axes, label=pressure.label)
+    figure.savefig(path)
+
+
+def pressures_over_time(names: Sequence[str], times: Sequence[float], pressures: Array, path: Path) -> None:
+    """Draw cycles of pressures, a row for each place.
+
+    Args:
+        times: (n,) s, from 0 to the end of a cycle.
+        pressures: (names, n - 1) Pa, at the times but for the last.
+    """
+    time, pressure = Shown("time in the cycle", "s"), Shown("pressure", "mmHg")
+    fine = np.linspace(0.0, times[-1], 201)
+    rows = [np.interp(fine, times, [*one, one[0]]) for one in pressures]
+    middles = (fine[1:] + fine[:-1]) / 2
+    values = np.array([np.interp(middles, fine, one) for one in rows])
+    figure, axes = new_figure(6.4, 1.4 + 0.3 * len(names))
+    drawn = axes.pcolormesh(time(fine), np.arange(len(names) + 1) - 0.5, pressure(values), cmap="cividis", vmin=0)
+    axes.set(xlabel=time.label, yticks=range(len(names)), yticklabels=names)
     figure.colorbar(drawn, ax=axes, label=pressure.label)
     figure.savefig(path)
 

@@ -14,7 +14,8 @@ from ngfsi.cli import main
 from ngfsi.errors import CaseError, SolverError
 from ngfsi.gradient import design
 from ngfsi.gradient.design import Layout, Limits, Pressed, improve
-from ngfsi.gradient.design_command import grid, pressure
+from ngfsi.gradient.design_command import grid, pressure, read_pressures, seconds
+from ngfsi.gradient.design_in_time import Cycle, Cycled
 from ngfsi.gradient.functionals import measured
 from ngfsi.store.table import read_rows
 from ngfsi.units import MMHG
@@ -43,7 +44,7 @@ def step(slopes: Array, weights: Array, **limits: float) -> Array:
     pairs = [(n, n + 1) for n in range(count - 1)]
     given = Limits(**{"mean": 1.0, "high": 3.0, **limits})
     by = np.array([slopes]), np.zeros((1, count))
-    return design._step(np.ones(count), np.zeros(1), np.zeros(1), by, np.ones(1), weights, pairs, given, 100.0)
+    return design._step(np.ones(count), np.zeros(1), np.zeros(1), by, np.ones(1), weights, pairs, given, 100.0, 1e3)
 
 
 def test_the_linear_programme_fills_the_best_first() -> None:
@@ -64,14 +65,16 @@ def test_the_least_of_several_is_raised() -> None:
     """Of two aims with a slope each the lower one gets all until they meet, and a loss ends it before."""
     slopes, weights, given = np.eye(2), np.array([0.5, 0.5]), Limits(mean=1.0, high=9.0)
 
-    def pressures(most: float) -> Array:
+    def pressures(most: float, cost: float = 1e3) -> Array:
         by = slopes, np.array([[0.0, 1.0]])
         return 1 + design._step(
-            np.ones(2), np.array([5.0, 4.0]), np.zeros(1), by, np.array([most]), weights, [], given, 100.0
+            np.ones(2), np.array([5.0, 4.0]), np.zeros(1), by, np.array([most]), weights, [], given, 100.0, cost
         )
 
     assert pressures(9.0) == pytest.approx([0.5, 1.5])
     assert pressures(0.25)[1] == pytest.approx(1.25)
+    assert pressures(-0.25)[1] == pytest.approx(0.75)  # what loses too much gives way
+    assert pressures(0.25, cost=0.9)[1] == pytest.approx(1.5)  # a limit that costs less than it brings
 
 
 def test_slopes_are_those_of_differences() -> None:
@@ -128,6 +131,60 @@ def test_the_worst_of_two_is_raised() -> None:
     assert both.runs == 2 * alone.runs
 
 
+def test_a_cycle_covers_time_once() -> None:
+    """Shares of the times add up to one, are whole at their own, and means are those of the curves themselves."""
+    cycle = Cycle(1, 2, 0.0, 10e-3, times=(0.0, 0.1, 0.3), cycles=2)
+    assert cycle.count == 4
+    assert cycle.shares(0.1) == pytest.approx([0, 1])
+    for end in (0.3, 3 * 0.1, 0.6):
+        assert cycle.shares(end) == pytest.approx([1, 0])
+    assert cycle.shares(0.35) == pytest.approx([0.5, 0.5])
+    pressures = np.array([1.0, 4.0, 2.0, 8.0])
+    times = np.linspace(0.3, 0.6, 3001)
+    for number, cuff in enumerate(cycle.cuffs(pressures)):
+        curve = [cuff.pressure(float(t)) for t in times]
+        assert np.trapezoid(curve, times) / 0.3 == pytest.approx(cycle.mean(pressures)[number])
+        assert curve[700] == pytest.approx(cycle.over_time(pressures)[number] @ cycle.shares(float(times[700])))
+    assert {frozenset(pair) for pair in cycle.neighbours()} == {frozenset(p) for p in ((0, 2), (1, 3), (0, 1), (2, 3))}
+    begun = Cycle(2, 1, 0.0, 1.0, times=(0.0, 1.0, 2.0, 3.0, 4.0)).begun(3.0, 0.0, 4.0)
+    assert begun == pytest.approx([3.5, 3.0, 2.5, 3.0, 3.0, 3.5, 3.0, 2.5])
+
+
+CYCLE = Cycle(1, 3, 0.0, 10e-3, times=(0.0, 0.1, 0.2), cycles=1)
+TIMED = VEIN.replace(**{"time.step": 0.1, "time.end": 0.2})
+
+
+def test_slopes_of_cycles_are_those_of_differences() -> None:
+    """Of the mean of the wall's shear over a cycle and of the largest loss, along a direction of all pressures."""
+    domain = domain_of(BONED)
+    pressed = Cycled(TIMED, "sawss", CYCLE, domain, Limits(mean=400.0, high=800.0))
+    start, along = np.array([100.0, 500.0, 300.0, 600.0, 500.0, 200.0]), np.array([0.1, -0.2, 0.05, 0.1, -0.1, 0.3])
+    at = pressed.solve(start)
+    aims, losses = pressed.slopes(at, float(at.aims.min()))
+    ends = [pressed.solve(start + sign * along) for sign in (1, -1)]
+    for by, name in ((aims, "aims"), (losses, "losses")):
+        expected = (getattr(ends[0], name) - getattr(ends[1], name)) / 2
+        assert by @ along == pytest.approx(expected, rel=1e-5), name
+
+
+def test_cycles_at_rest_are_many_legs_at_rest() -> None:
+    """Without rates each time counts for itself: with the same pressures at all, as much as it lasts of what they bring
+    at rest, so that no change in time promises anything."""
+    domain, limits = domain_of(BONED), Limits(mean=400.0, high=800.0)
+    cycle = replace(CYCLE, times=(0.0, 0.1, 0.2))
+    still, cycled = (
+        Pressed(VEIN, "sawss", LAYOUT, domain, limits),
+        Cycled(TIMED.replace(**{"time.scheme": "static"}), "sawss", replace(cycle, sectors=4), domain, limits),
+    )
+    at, over = np.array([300.0, 500.0, 450.0, 350.0]), cycled.solve(np.repeat([300.0, 500.0, 450.0, 350.0], 2))
+    rest = still.solve(at)
+    expected, _ = still.slopes(rest, 1.0)
+    found, _ = cycled.slopes(over, 1.0)
+    assert over.aims == pytest.approx(rest.aims, rel=1e-6)
+    assert over.losses == pytest.approx(rest.losses, rel=1e-6)
+    assert found.reshape(4, 2) == pytest.approx(np.outer(expected, [0.5, 0.5]), rel=1e-5)
+
+
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(design, "ENOUGH", 1.0)  # nothing promises so much: the first pressures stay
     (tmp_path / "case.toml").write_text(VEIN.to_toml())
@@ -140,8 +197,12 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch
     assert [row["pressure_Pa"] for row in rows] == pytest.approx([3 * MMHG] * 3)
     assert Case.from_toml(tmp_path / "out" / "case.toml").time.scheme == "static"
     assert (tmp_path / "out" / "pressures.png").stat().st_size > 1000
+    assert not list((tmp_path / "out").glob(".*"))
+    assert read_pressures(tmp_path / "out" / "pressures.csv", Layout(1, 3, 0.0, 1.0)) == pytest.approx([3 * MMHG] * 3)
+    with pytest.raises(CaseError, match="has no column pressure_Pa of 4 values"):
+        read_pressures(tmp_path / "out" / "pressures.csv", LAYOUT)
     shown = capsys.readouterr().out
-    assert "0 % more than under the mean everywhere" in shown
+    assert "0 % more than under the pressures begun with" in shown
     assert "2 runs" in shown
     assert "of a section at most is lost" in shown
 
@@ -155,6 +216,13 @@ def test_what_is_refused() -> None:
     for text in ("4", "0x3", "3x2"):
         with pytest.raises(CaseError, match=f"--cuffs {text} is not understood"):
             grid(text)
+    with pytest.raises(CaseError, match=r"--times 0,a is not understood"):
+        seconds("0,a")
+    with pytest.raises(CaseError, match=r"--times 0,1: write three times \(s\) or more"):
+        Cycle.of(LAYOUT, (0.0, 1.0), VEIN)
+    with pytest.raises(CaseError, match=r"the run ends at 0.2 s, before a cycle of 0.25 s"):
+        Cycle.of(LAYOUT, (0.0, 0.1, 0.25), VEIN)
+    assert Cycle.of(LAYOUT, (0.0, 0.04, 0.16), VEIN).cycles == pytest.approx(1.25)
     with pytest.raises(CaseError, match="of 2 mmHg is not between 0 mmHg and 1 mmHg"):
         Limits(mean=2 * MMHG, high=1 * MMHG)
     with pytest.raises(CaseError, match="cannot differ by -1 mmHg"):
