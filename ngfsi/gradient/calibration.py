@@ -134,9 +134,9 @@ class Runs:
 
     def __init__(
         self, case: Case, parameters: Sequence[Parameter], data: Sequence[Datum], say: Say = silent,
-        domain: Domain | None = None,
+        domain: Domain | None = None, folder: Path | None = None,
     ) -> None:  # fmt: skip
-        """Prepare; `domain`: of the case, default: it is made.
+        """Prepare; `domain`: of the case, default: it is made; `folder`: as of `StoredStates`.
 
         Raises:
             CaseError: the case chooses its steps.
@@ -146,7 +146,7 @@ class Runs:
             raise CaseError("calibration compares runs with the same steps: leave time.error_tolerance out")
         self.case, self.parameters, self.data = case, tuple(parameters), tuple(data)
         self.domain = domain or Domain.build(case.geometry)
-        self._say = say
+        self._say, self._folder = say, folder
         self._quantities = list(dict.fromkeys(one.quantity for one in data))
         self._last: tuple[Array, StoredStates, Array, list[Array]] | None = None
         self.runs = self.sweeps = 0
@@ -173,14 +173,21 @@ class Runs:
         self._say(f"run {self.runs}: {words}: mean square of gaps over errors {np.mean(np.square(gaps)):.4g}")
         return found[1]
 
-    def _run(self, values: Array) -> tuple[StoredStates, Array, list[Array]]:
-        case = self.case_of(values)
-        domain = self.domain
+    def _run(self, values: Array, beside: Domain | None = None) -> tuple[StoredStates, Array, list[Array]]:
+        """Compute a run; `beside`: whose elements its mesh must have, for differences."""
+        case, domain = self.case_of(values), beside or self.domain
         for one in self.parameters:
             if one.path[0] == "geometry":
-                domain = same_mesh(case, self.domain, one.name)
+                try:
+                    domain = same_mesh(case, domain, one.name)
+                except CaseError:
+                    if beside is not None:
+                        raise
+                    # far from the first trial the mesh may be another one, near which there is a derivative again
+                    domain = self.domain = Domain.build(case.geometry)
+                break
         with ng.TaskManager():
-            run = StoredStates(case, domain, silent, self._quantities)
+            run = StoredStates(case, domain, silent, self._quantities, self._folder)
             over_time, times = run.values(), run.times
         self.runs += 1
         pairs = [run.measured[one.quantity].made(one.window, times, over_time[one.quantity]) for one in self.data]
@@ -193,7 +200,7 @@ class Runs:
         _, run, present, weights = self._last
         if self.sweeps_cost < len(self.parameters):
             return self.by_sweeps(run, weights)
-        return self.by_differences(np.asarray(values), present)
+        return self.by_differences(np.asarray(values), present, run.domain)
 
     @cached_property
     def sweeps_cost(self) -> float:
@@ -213,14 +220,15 @@ class Runs:
         self.sweeps += len(rows)
         return np.array(rows)
 
-    def by_differences(self, values: Array, present: Array) -> Array:
-        """Return the derivatives by forward differences of runs; `present`: what the run gives for the values."""
+    def by_differences(self, values: Array, present: Array, domain: Domain | None = None) -> Array:
+        """Return the derivatives by forward differences of runs; `present`: what the run gives for the values, on a
+        domain."""
         columns = []
         for place, one in enumerate(self._parameters_of(self.case_of(values))):
             step = FORWARD * one.step
             step = step if values[place] + step < bounds_of(self.case, one)[1] else -step
             moved = values + step * (np.arange(len(values)) == place)
-            columns.append((self._run(moved)[1] - present) / step)
+            columns.append((self._run(moved, domain)[1] - present) / step)
         return np.column_stack(columns)
 
     def _parameters_of(self, case: Case) -> list[Parameter]:

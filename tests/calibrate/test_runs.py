@@ -11,10 +11,12 @@ from ngfsi.case import Case
 from ngfsi.cli import main
 from ngfsi.config.functions import PressureRamp
 from ngfsi.errors import CaseError, MaterialError, OutputError
+from ngfsi.gradient import calibration
 from ngfsi.gradient.adjoint import Adjoint
 from ngfsi.gradient.calibration import Datum, Runs, calibrate, read_data
 from ngfsi.gradient.parameters import parameters_of, two_numbers
 from ngfsi.gradient.window import Window
+from ngfsi.mesh.domain import Domain
 from ngfsi.store.table import read_rows
 from tests.gradient.test_gradient import VEIN, WAVES
 from tests.vein import Array, domain_of
@@ -167,3 +169,28 @@ def test_numbers_of_bounds_and_priors() -> None:
         two_numbers(VEIN, "materials.tissue.young=3", "--prior")
     with pytest.raises(CaseError, match=r"'materials.tissue' is no number"):
         two_numbers(VEIN, "materials.tissue=3,4", "--prior")
+
+
+def test_another_mesh_is_taken_where_the_elements_are_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Far from the first trial a number of the geometry may mean other elements, near it for a derivative never."""
+    case = WAVES.replace(**{"time.scheme": "static", "time.step": 4e-3, "time.end": 4e-3})
+    data = [Datum("skin_area", "skin_area", Window(end=4e-3), 1e-4, 1e-5, "m2")]
+    runs = Runs(case, parameters_of(case, ["geometry.mesh.far_size"]), data, domain=domain_of(case.geometry))
+    first = runs.domain
+    taken: list[tuple[Domain, str]] = []
+
+    def other(_case: Case, domain: Domain, name: str) -> Domain:
+        taken.append((domain, name))
+        if len(taken) != 1:
+            raise CaseError("other elements")
+        return domain
+
+    monkeypatch.setattr(calibration, "same_mesh", other)
+    monkeypatch.setattr(Domain, "build", staticmethod(domain_of))
+    near, far = (runs._run(values_of(runs) * factor)[0].domain for factor in (1.0, 1.5))
+    assert near is first
+    assert far is not first
+    assert far is runs.domain
+    with pytest.raises(CaseError, match="other elements"):
+        runs._run(values_of(runs) * 1.5, far)
+    assert [domain for domain, _ in taken] == [first, first, far]
