@@ -9,10 +9,11 @@ back and the region made smaller: what best presses a vein lies at limits, where
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import pi
 from pathlib import Path
+from typing import ClassVar
 
 import ngsolve as ng
 import numpy as np
@@ -204,6 +205,9 @@ class Equilibrium:
 class Pressed:
     """A vein at rest under any pressures of a layout."""
 
+    whole: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    """Quantities of another name: what they are of, and what is made of it over time."""
+
     def __init__(
         self, case: Case, quantity: str, layout: Layout, domain: Domain, limits: Limits, folder: Path | None = None
     ) -> None:
@@ -211,12 +215,13 @@ class Pressed:
         `StoredStates`."""
         self.layout, self.domain, self._folder = layout, domain, folder
         prefix, *others = (f"{one.name}_" if one.name else "" for one in domain.vessels)
-        least, stations = quantity.endswith(LEAST), range(STATIONS)
+        least, stations = quantity.endswith(LEAST) and quantity not in self.whole, range(STATIONS)
         if least and quantity not in (
             known := [f"{name}{of}{LEAST}" for name in (prefix, *others) for of in ("area", "sawss")]
         ):
             raise CaseError(unknown("quantity at stations", quantity, known))
-        self.aims = [f"{quantity.removesuffix(LEAST)}_z{n:02d}" for n in stations] if least else [quantity]
+        named = quantity if quantity not in self.whole else self.whole[quantity][0]
+        self.aims = [f"{quantity.removesuffix(LEAST)}_z{n:02d}" for n in stations] if least else [named]
         sections = [f"{prefix}area_z{n:02d}" for n in stations] if limits.section_loss < 1 else []
         self.sizes = [f"{prefix}lumen_volume", *sections]
         self.most = np.array([limits.loss, *(limits.section_loss for _ in sections)])

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil
+from typing import Any, ClassVar
 
 import ngsolve as ng
 import numpy as np
@@ -19,8 +20,9 @@ from ngfsi.arrays import Array
 from ngfsi.case import Case, Cuff
 from ngfsi.config.functions import PressureConstant, PressureTable
 from ngfsi.errors import CaseError
-from ngfsi.gradient.adjoint import Adjoint, StoredStates, Window
+from ngfsi.gradient.adjoint import Adjoint, StoredStates
 from ngfsi.gradient.design import Equilibrium, Layout, Pressed
+from ngfsi.gradient.window import Window
 from ngfsi.mesh.domain import Domain
 from ngfsi.solve.initial import silent
 from ngfsi.units import SAME_TIME
@@ -116,6 +118,13 @@ class Cycled(Pressed):
     """A vein under any cycles of pressures."""
 
     layout: Cycle
+    whole: ClassVar = {f"tawss_{kind}": ("tawss", kind) for kind in ("mean", "least")}
+
+    def __init__(self, case: Case, quantity: str, *others: Any) -> None:
+        """Prepare; `quantity`: of which the mean over time is meant, or tawss_mean or tawss_least of means over time at
+        each face of the wall; `others`: as of `Pressed`."""
+        super().__init__(case, quantity, *others)
+        self._kind = self.whole.get(quantity, ("", "mean"))[1]
 
     def _case_of(self, case: Case) -> Case:
         return case.replace(**{"loads.skin_pressure": PressureConstant(value=0.0)})
@@ -132,8 +141,8 @@ class Cycled(Pressed):
             run.system.values[:] = 0.0
             self._without_loads = np.array([run.measured[name].value() for name in self.sizes])
             values, times = run.values(), run.times
-        window = Window("mean", times[-1] - self.layout.times[-1], times[-1])
-        means = [window.weights(times, values[name]) for name in self.aims]
+        window = Window(self._kind, times[-1] - self.layout.times[-1], times[-1])
+        means = [run.measured[name].made(window, times, values[name]) for name in self.aims]
         weights = {name: slopes for name, (_, slopes) in zip(self.aims, means, strict=True)}
         weights |= {name: np.eye(len(times))[np.argmin(values[name])] for name in self.sizes}
         sizes = np.array([values[name].min() for name in self.sizes])
