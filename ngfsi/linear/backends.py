@@ -105,7 +105,7 @@ class Backend:
 
 
 def _p_multigrid(matrix: Any, rows: ng.BitArray, scale: Array, levels: Levels, _shared: bool) -> Any:
-    from ngfsi.linear.multigrid import PMultigrid  # with SciPy's GMRES, which direct solvers do without
+    from ngfsi.linear.multigrid import PMultigrid  # which direct solvers do without
 
     return PMultigrid(matrix, rows, scale, levels, BACKENDS[choose_backend("auto")].factors)
 

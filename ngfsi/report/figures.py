@@ -42,13 +42,14 @@ class Convergence:
 def convergence(
     panels: Mapping[str, Sequence[Convergence]], path: Path,
     shown: tuple[Shown, Shown] = (Shown("size h", "1"), Shown("error", "1")),
-    levels: Mapping[str, float] | None = None,
+    levels: Mapping[str, float] | None = None, marks: Mapping[str, float] | None = None,
 ) -> None:  # fmt: skip
     """Draw errors over sizes, a panel per title, with the expected slope dashed through the finest error.
 
     Args:
         shown: the axes, of sizes and errors, which are SI.
         levels: by title an error to be reached, drawn as a dotted line.
+        marks: by name a size whose error is not known, drawn as a dash-dotted line from bottom to top.
     """
     figure, spaces, _ = new_panels(len(panels), 3, (4.2, 3.6), (0.0, 0.0))
     for panel, (title, lines) in zip(spaces, panels.items(), strict=False):
@@ -63,6 +64,10 @@ def convergence(
         if len(sizes) < 8:
             panel.set_xticks(sizes, [f"{size:.3g}" for size in sizes])
             panel.set_xticks([], minor=True)
+        for name, size in (marks or {}).items():
+            panel.axvline(shown[0](size), color=QUIET, linestyle="-.", linewidth=1)
+            panel.text(shown[0](size), 0.02, f" {name}", transform=panel.get_xaxis_transform(), rotation=90, fontsize=6,
+                       color=QUIET, ha="right", va="bottom")  # fmt: skip
         if levels:
             panel.axhline(shown[1](levels[title]), color=QUIET, linestyle=":", linewidth=1)
         panel.set_title(title, fontsize=10)

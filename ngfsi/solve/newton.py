@@ -54,7 +54,7 @@ FACTORED_KEPT = 2
 def renewal_cost(unknowns: int, *, iterates: bool) -> float:
     """Return how many iterations take as long as new factors, from docs/solvers.md: by the number of unknowns alone, so
     that a run does the same again on a busy machine."""
-    return (20 + unknowns / 1500) * (0.2 if iterates else 1.0)
+    return float((unknowns / 50) ** 0.4) if iterates else 20 + unknowns / 1500
 
 
 @dataclass
