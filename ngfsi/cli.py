@@ -786,7 +786,7 @@ def _add_commands() -> None:
 
 def _serve(ranks: Ranks) -> None:
     """Work for rank 0, which alone heeds signals."""
-    from ngfsi.solve.worker import Worker
+    from ngfsi.run.worker import Worker
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)

@@ -23,9 +23,12 @@ from ngfsi.config.functions import PressureRamp
 from ngfsi.errors import CaseError
 from ngfsi.linear.backends import choose_backend
 from ngfsi.materials.solid.viscosity import SolidViscosity
+from ngfsi.measure.deformation import Deformation
+from ngfsi.measure.points import Points
 from ngfsi.parallel.ranks import Ranks
+from ngfsi.physics.integrals import rules
 from ngfsi.run import run
-from ngfsi.solve.worker import partition
+from ngfsi.run.worker import partition
 from ngfsi.store import open_run
 from ngfsi.store.fields import GRIDS
 from ngfsi.store.folder import TABLES
@@ -91,6 +94,16 @@ def test_shares_sum_up_to_the_system() -> None:
     product = np.array((whole.tangent.mat * vector).Evaluate().FV().NumPy())
     sums = sum(np.array((part.tangent.mat * vector).Evaluate().FV().NumPy()) for part in parts)
     np.testing.assert_allclose(sums, product, rtol=0, atol=1e-12 * np.abs(product).max())
+    deformations = [Deformation(system) for system in (whole, *parts)]
+    for region in domain.regions:
+        smallest, *of_parts = (one.smallest_jacobian(region) for one in deformations)
+        assert min(of_parts) == pytest.approx(smallest, rel=1e-12)
+        assert len(set(of_parts)) == 3
+    sizes = {domain.materials("wall"): domain.volume("wall"), domain.boundaries("skin"): domain.area("skin")}
+    for region, size in sizes.items():
+        of_parts = [Points.of(part, region, rules(8)).integrals(ng.CF(1))[0] for part in parts]
+        assert sum(of_parts) == pytest.approx(size, rel=1e-9)
+        assert max(of_parts) < 0.6 * size
     entries = [part.tangent.mat.nze for part in parts]
     assert max(entries) < 0.7 * whole.tangent.mat.nze  # a rank stores no matrix of what is not its own
 

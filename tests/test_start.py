@@ -28,7 +28,7 @@ def test_the_command_line_answers_without_libraries() -> None:
         "ngfsi.run, ngfsi_geometry.calf, ngfsi_geometry.tube",  # a run, until it has a mesh
         "ngfsi.study",  # and its child processes
         "ngfsi.mesh.generate, ngfsi_geometry.calf",  # the process that meshes
-        "ngfsi.solve.worker",  # what other ranks do
+        "ngfsi.run.worker",  # what other ranks do
         "ngfsi.store.stored",  # reading results
     ],
 )

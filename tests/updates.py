@@ -16,7 +16,7 @@ from ngfsi.linear.backends import Name
 from ngfsi.linear.factorisation import Factorisation
 from ngfsi.linear.levels import levels_of
 from ngfsi.parallel.ranks import Ranks
-from ngfsi.solve.worker import partition
+from ngfsi.run.worker import partition
 from ngfsi.system.system import System
 from tests.vein import BONED, case_of, domain_of, randomise
 

@@ -19,6 +19,7 @@ from ngfsi.mesh.geometry import Vessel
 from ngfsi.mesh.surface import across
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
+from ngfsi.system.together import OnAllRanks, together
 
 REACH, BESIDE = 1.5, 1.1
 """Factors by which an outline is made wider. Edges of elements that cross its plane within the first part the blood
@@ -88,7 +89,7 @@ class Branch:
         return np.asarray(flows)
 
 
-class Layers:
+class Layers(OnAllRanks):
     """Flow through layers of elements of the blood, by functions that rise from 0 before a layer to 1 beyond it.
 
     With such a function f the integral of u . grad f over the deformed blood is the flow through the levels of f, in
@@ -100,6 +101,7 @@ class Layers:
     """
 
     def __init__(self, system: System, vessel: Vessel) -> None:
+        super().__init__(system)
         self._domain = system.domain
         lumen, fields = str(vessel.lumen), system.fields()
         space = ng.H1(self._domain.mesh, order=1, definedon=lumen)
@@ -107,7 +109,9 @@ class Layers:
         cofactor = Kinematics(fields.grad_motion).cof
         flow = InnerProduct(fields.velocity, cofactor * ng.grad(space.TestFunction()))
         self._form = ng.LinearForm(space)
-        self._form += flow.Compile() * self._domain.dx(lumen, bonus_intorder=2 * order)
+        self._form += flow.Compile() * self._domain.dx(
+            lumen, bonus_intorder=2 * order, definedonelements=system.mine(ng.VOL)
+        )
         self.values = np.zeros(self._domain.mesh.nv)
         self._at_openings = self._domain.vertices_on(*vessel.openings)
         edges = {edge.nr for element in self._domain.materials(lumen).Elements() for edge in element.edges}
@@ -116,8 +120,14 @@ class Layers:
 
     def refresh(self) -> None:
         """Take the system's present state."""
+        self.values = self._integrals()
+
+    @together
+    def _integrals(self) -> Array:
         self._form.Assemble()
-        self.values = np.array(self._form.vec.FV().NumPy()[: len(self.values)])
+        found = np.array(self._form.vec.FV().NumPy()[: len(self.values)])
+        self.system.ranks.add(found)
+        return found
 
     def beyond(self, sections: Sections, openings: tuple[str, str]) -> Array:
         """Return the functions' values at the vertices, (vertices, stations); NaN where a station has no section.

@@ -5,21 +5,25 @@ from __future__ import annotations
 import ngsolve as ng
 import numpy as np
 
+from ngfsi.arrays import Array, Numbers
 from ngfsi.materials.solid.fibres import Fibred
 from ngfsi.measure.ellipticity import Ellipticity, EllipticityInAllDirections, extreme, principal_stretches
+from ngfsi.measure.points import Points
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics, in_3d
 from ngfsi.system.system import System
+from ngfsi.system.together import OnAllRanks, together
 from ngfsi.units import in_unit
 
 CLOSE = 0.2
 """det F below which elements are said to be close to inversion."""
 
 
-class Deformation:
+class Deformation(OnAllRanks):
     """Displacement, volume ratio det F and stability of the materials of a system's present state."""
 
     def __init__(self, system: System) -> None:
+        super().__init__(system)
         domain, motion = system.domain, system.motion
         self._solids = domain.geometry.solids
         k = Kinematics(ng.Grad(motion))
@@ -38,9 +42,9 @@ class Deformation:
         self._place = ng.CF((ng.x, ng.y, ng.z)[: domain.mesh.dim]) + motion
         self._lumens = domain.lumens
         self._warned: set[str] = set()
-        self._points = {name: domain.mesh.MapToAllElements(points, domain.materials(name)) for name in domain.regions}
+        self._points = {name: Points.of(system, domain.materials(name), points) for name in domain.regions}
         self._motion = motion
-        self._known: dict[str, tuple[float, int]] = {}
+        self._known: dict[str, tuple[float, Array]] = {}
         self._known_of = np.zeros(0)
 
     def smallest_jacobian(self, region: str) -> float:
@@ -49,23 +53,39 @@ class Deformation:
 
     def min_jacobian(self, region: str) -> tuple[float, str]:
         """Return the smallest det F of a region and the deformed place where it is, in words."""
-        smallest, number = self._smallest(region)
-        return smallest, self._deformed_place(region, number)
+        smallest, place = self._smallest(region)
+        return smallest, in_unit(place, "mm", ".3g")
 
-    def _smallest(self, region: str) -> tuple[float, int]:
-        """Return the smallest det F of a region and the number of the point where it is, computed once per state."""
+    def _smallest(self, region: str) -> tuple[float, Array]:
+        """Return the smallest det F of a region and the deformed place (m) where it is, computed once per state."""
         state = self._motion.vec.FV().NumPy()
         if not np.array_equal(state, self._known_of):
-            self._known, self._known_of = {}, state.copy()
-        if region not in self._known:
-            values = np.ravel(self._J(self._points[region]))
-            number = int(np.argmin(values))
-            self._known[region] = float(values[number]), number
+            self._known, self._known_of = self._smallest_of_all(), state.copy()
         return self._known[region]
 
+    @together
+    def _smallest_of_all(self) -> dict[str, tuple[float, Array]]:
+        found = [self._least(name, self._points[name].values(self._J)[:, 0]) for name in self._points]
+        values, places = self.system.ranks.smallest(*map(np.array, zip(*found, strict=True)))
+        return {name: (float(value), place) for name, value, place in zip(self._points, values, places, strict=True)}
+
+    def _least(self, region: str, values: Array, chosen: Numbers | None = None) -> tuple[float, Array]:
+        """Return the smallest of some values and the deformed place (m) where it is, infinite where there are none.
+
+        Args:
+            values: at this rank's points of a region, or at chosen ones.
+        """
+        if len(values) == 0:
+            return np.inf, np.zeros(self.system.domain.mesh.dim)
+        number = int(np.argmin(values))
+        there = self._points[region].at[[number if chosen is None else chosen[number]]]
+        return float(values[number]), np.ravel(self._place(there))
+
+    @together
     def largest_displacement(self) -> float:
         """Return the largest displacement (m) of the solids."""
-        return max(float(np.max(self._size(self._points[name]))) for name in self._solids)
+        sizes = [np.max(self._points[name].values(self._size), initial=0.0) for name in self._solids]
+        return -float(self.system.ranks.smallest(-np.array([max(sizes)]))[0][0])
 
     def inversion(self) -> str:
         """Say in which region and where an element is turned inside out, or nothing."""
@@ -101,22 +121,31 @@ class Deformation:
         """Say where the material of a solid has lost strong ellipticity (see `Ellipticity`), or nothing."""
         if region not in self._resistance and region not in self._in_all:
             return ""
-        F = np.asarray(self._strain(self._points[region])).reshape(-1, 3, 3)
-        stretches = principal_stretches(F)
-        chosen = extreme(stretches)
-        if region in self._in_all:
-            ways = [np.asarray(one(self._points[region])).reshape(-1, 3) for one in self._fibred[region].directions]
-            directions = np.stack([np.broadcast_to(way, (len(F), 3)) for way in ways], axis=1)
-            resistances = self._in_all[region].smallest(F[chosen], directions[chosen])
-        else:
-            resistances = self._resistance[region].smallest(stretches[chosen])
-        if np.min(resistances) > 0:
+        resistance, place = self._smallest_resistance(region)
+        if resistance > 0:
             return ""
-        place = self._deformed_place(region, int(chosen[np.argmin(resistances)]))
         return (
-            f"the material of '{region}' near {place} has lost strong ellipticity: "
+            f"the material of '{region}' near {in_unit(place, 'mm', '.3g')} has lost strong ellipticity: "
             f"{self._laws[region].law} does not resist shear bands there any more"
         )
+
+    @together
+    def _smallest_resistance(self, region: str) -> tuple[float, Array]:
+        """Return the smallest resistance to shear bands, among each rank's extreme points, and the place (m) of it."""
+        points = self._points[region]
+        F = points.values(self._strain).reshape(-1, 3, 3)
+        chosen, resistances = np.zeros(0, dtype=np.int64), np.zeros(0)
+        if len(F):
+            stretches = principal_stretches(F)
+            chosen = extreme(stretches)
+            if region in self._in_all:
+                ways = [points.values(one) for one in self._fibred[region].directions]
+                resistances = self._in_all[region].smallest(F[chosen], np.stack(ways, axis=1)[chosen])
+            else:
+                resistances = self._resistance[region].smallest(stretches[chosen])
+        smallest, place = self._least(region, resistances, chosen)
+        values, places = self.system.ranks.smallest(np.array([smallest]), place[None])
+        return float(values[0]), places[0]
 
     def diagnose_failure(self, begun: bool) -> str:
         """Say what in the last good state may be the end of a run, and where: to be added to a sentence.
@@ -136,8 +165,3 @@ class Deformation:
             what = "the vein" if self._lumens else "the shape"
             return f"{sentence}: no element is close to inversion, {what} may have lost its stability"
         return f"{sentence}: no step was taken, the loads of the first one may be too large or jump"
-
-    def _deformed_place(self, region: str, number: int) -> str:
-        points = self._points[region]
-        place = np.asarray(self._place(points)).reshape(len(points), -1)[number]
-        return in_unit(place, "mm", ".3g")

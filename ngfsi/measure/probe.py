@@ -15,6 +15,7 @@ from ngfsi.measure.branch import Branch, Layers
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.hole import Hole
 from ngfsi.measure.plane import PlaneSectionProbe
+from ngfsi.measure.points import Points
 from ngfsi.measure.scalars import Scalars
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.transmural import Side
@@ -25,21 +26,22 @@ from ngfsi.physics import terms
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
+from ngfsi.system.together import OnAllRanks, together
 
 DRAWN = 41
 """Points by which a curved centreline is stored."""
 NO_SHEAR = ShearStatistics(0.0, 0.0, 0.0, 0.0)
 
 
-class Integrals:
+class Integrals(OnAllRanks):
     """Named integrals over the present state, each computed once; `forget` after each step.
 
     Those that are defined together are integrated together, for what they have in common.
     """
 
-    def __init__(self, mesh: Any) -> None:
-        self._mesh = mesh
-        self._groups: dict[str, tuple[list[str], Any, Any, int]] = {}
+    def __init__(self, system: System) -> None:
+        super().__init__(system)
+        self._groups: dict[str, tuple[list[str], Any, Points]] = {}
         self._known: dict[str, float] = {}
 
     def define(self, region: Any, bonus: int, integrands: Mapping[str, Any]) -> None:
@@ -50,23 +52,29 @@ class Integrals:
             bonus: order of integration beyond `INTEGRATE`.
             integrands: scalar.
         """
-        names, together = list(integrands), ng.CF(tuple(integrands.values())).Compile()
-        self._groups |= dict.fromkeys(names, (names, together, region, INTEGRATE + bonus))
+        names, joined = list(integrands), ng.CF(tuple(integrands.values())).Compile()
+        self._groups |= dict.fromkeys(names, (names, joined, Points.of(self.system, region, rules(INTEGRATE + bonus))))
 
     def __call__(self, name: str) -> float:
         """Return a named integral, SI."""
         if name not in self._known:
-            names, together, region, order = self._groups[name]
-            values = np.atleast_1d(ng.Integrate(together, self._mesh, definedon=region, order=order))
-            self._known |= dict(zip(names, map(float, values), strict=True))
+            self._known |= self._evaluate(name)
         return self._known[name]
+
+    @together
+    def _evaluate(self, name: str) -> dict[str, float]:
+        """Return an integral and those that are defined with it."""
+        names, integrands, points = self._groups[name]
+        values = points.integrals(integrands)
+        self.system.ranks.add(values)
+        return dict(zip(names, map(float, values), strict=True))
 
     def forget(self) -> None:
         """Take note of a new state."""
         self._known.clear()
 
 
-class VesselProbe:
+class VesselProbe(OnAllRanks):
     """Measurements of one vessel with blood in it, in 3-D.
 
     Attributes:
@@ -76,12 +84,13 @@ class VesselProbe:
     """
 
     def __init__(self, system: System, vessel: Vessel) -> None:
-        self.system, self.vessel, self.domain = system, vessel, system.domain
+        super().__init__(system)
+        self.vessel, self.domain = vessel, system.domain
         lines = find_centrelines(system.domain, vessel)
         self.wall = Wall(system, vessel, lines)
         self.outside = outside = system.domain.beyond(vessel)
         self._sides = {name: Side(system, name) for name in (vessel.wall, outside) if name and outside}
-        self.integral = Integrals(self.domain.mesh)
+        self.integral = Integrals(system)
         self._layers = Layers(system, vessel) if vessel.branched else None
         tissue = (self._sides[outside], outside) if outside else None
         self.branches = {
@@ -94,6 +103,11 @@ class VesselProbe:
 
     def refresh(self) -> None:
         """Take the system's present state."""
+        self.shear, self.consistent_shear = self._refresh()
+        self.integral.forget()
+
+    @together
+    def _refresh(self) -> tuple[ShearStatistics, ShearStatistics]:
         for side in self._sides.values():
             side.refresh()
         self.wall.refresh()
@@ -101,9 +115,8 @@ class VesselProbe:
             self._layers.refresh()
         for branch in self.branches.values():
             branch.refresh(self.wall.field)
-        self.shear = self.wall.statistics(self.system.case.output.low_shear)
-        self.consistent_shear = self.wall.statistics(method="consistent")
-        self.integral.forget()
+        low_shear = self.system.case.output.low_shear
+        return self.wall.statistics(low_shear), self.wall.statistics(method="consistent")
 
     def summary(self) -> dict[str, Any]:
         """Return what readers of the run must know of the vessel, for the manifest."""
@@ -171,7 +184,7 @@ def _drawn(line: Centreline) -> list[list[float]]:
     return points
 
 
-class Probe:
+class Probe(OnAllRanks):
     """Measurements of a system's state; `refresh` after each step.
 
     Attributes:
@@ -182,14 +195,15 @@ class Probe:
     """
 
     def __init__(self, system: System) -> None:
-        self.system, self.domain = system, system.domain
+        super().__init__(system)
+        self.domain = system.domain
         self.deformation = Deformation(system)
         in_plane, vessels = system.domain.mesh.dim == 2, system.domain.vessels
         self.vessels = {} if in_plane else {v.name: VesselProbe(system, v) for v in vessels if v.lumen}
         self.holes = Hole.all_of(system)
         self.plane = PlaneSectionProbe(system) if in_plane and not system.domain.lumens else None
         self.scalars = Scalars(system) if system.case.scalars else None
-        self.integral = Integrals(system.domain.mesh)
+        self.integral = Integrals(system)
         self._pressing = [c for c in system.conditions.values() if isinstance(c, PressureOn) and c.on_skin]
         if self._pressing:
             self._define_skin()
@@ -216,12 +230,16 @@ class Probe:
 
     def largest_skin_pressure(self) -> float:
         """Return the largest pressure at a quadrature point of the skin, cuffs included (Pa)."""
-        return float(np.max(self._pressure(self._skin_points)))
+        return -self._smallest_suction()
+
+    @together
+    def _smallest_suction(self) -> float:
+        values = np.append(-self._skin_points.values(self._pressure), np.inf)
+        return float(self.system.ranks.smallest(np.min(values, keepdims=True))[0][0])
 
     @cached_property
-    def _skin_points(self) -> Any:
-        points = rules(2 * self.system.unknowns.order)
-        return self.domain.mesh.MapToAllElements(points, self.domain.boundaries("skin"))
+    def _skin_points(self) -> Points:
+        return Points.of(self.system, self.domain.boundaries("skin"), rules(2 * self.system.unknowns.order))
 
     def _define_skin(self) -> None:
         self._pressure = sum((c.pressure for c in self._pressing[1:]), start=ng.CF(self._pressing[0].pressure))

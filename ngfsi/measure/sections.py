@@ -17,6 +17,7 @@ from ngfsi.mesh.centreline import Centreline
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.mesh.surface import Outlines, Surface, gauss
 from ngfsi.system.system import System
+from ngfsi.system.together import OnAllRanks, together
 
 STATIONS = 11
 RING_POINTS = 96
@@ -26,7 +27,7 @@ INWARDS = 1e-10
 """Fraction of the length by which planes stand nearer to its middle: not in the faces of elements."""
 
 
-class Sections:
+class Sections(OnAllRanks):
     """Outlines of the lumen in planes perpendicular to the centreline, which are fixed in space, by default evenly
     spaced from inlet to outlet.
 
@@ -51,7 +52,8 @@ class Sections:
             line: of the vessel.
             stations: m, default: `STATIONS`, evenly spaced.
         """
-        self.system, self.vessel, self.line = system, vessel, line
+        super().__init__(system)
+        self.vessel, self.line = vessel, line
         self.stations = self.line.stations(STATIONS) if stations is None else stations
         fields = system.fields()
         order = system.unknowns.order
@@ -74,9 +76,9 @@ class Sections:
             shear: wall shear stress (Pa), a field of polynomials on the interface.
         """
         self._blood = None
-        surface, state = self._surface, self._surface.coefficients(self._state)
+        surface = self._surface
+        state, self.outlines = self._cut()
         self._place = state[..., :3]
-        self.outlines = surface.cut(self._place, self.centres, self.normals, self._arc_points)
         values = surface.values(state, self.outlines)
         self.points, velocity = values[..., :3], values[..., 3:]
         tangent, normal = self.outlines.derivative(self.points), self.outlines.spread(self.normals)
@@ -94,6 +96,17 @@ class Sections:
         if shear is not None:
             sizes = np.linalg.norm(surface.values(surface.coefficients(shear), self.outlines), axis=2)
             self.shears = self.outlines.integral(sizes * lengths) / self.perimeters
+
+    @together
+    def _cut(self) -> tuple[Array, Outlines]:
+        """Return the coefficients of the state, and the outlines at all stations, of which each rank finds some."""
+        ranks, state = self.system.ranks, self._surface.coefficients(self._state)
+        mine = np.arange(ranks.rank, len(self.stations), ranks.size)
+        found = None
+        if len(mine):
+            found = self._surface.cut(state[..., :3], self.centres[mine], self.normals[mine], self._arc_points)
+        parts = [part for part in ranks.gather(found) if part]
+        return state, parts[0] if len(parts) == 1 else Outlines.interlaced(parts)
 
     def _outward(self, tangent: Array, normal: Array) -> Array:
         """Return vectors (arcs, points, 3) whose product with the velocity is the rate at which outlines sweep area,

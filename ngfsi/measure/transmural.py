@@ -8,10 +8,12 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import InnerProduct, Inv
 
+from ngfsi.arrays import Array
 from ngfsi.measure.sections import Sections
 from ngfsi.physics import terms
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.system import System
+from ngfsi.system.together import OnAllRanks, together
 from ngfsi.system.unknowns import same_functions
 
 DECIMALS = 9
@@ -54,7 +56,7 @@ class Side:
             copy.vec.FV().NumPy()[self._there] = field.vec.FV().NumPy()[self._numbers]
 
 
-class WallLoad:
+class WallLoad(OnAllRanks):
     """Pressures along a vessel at given stations of the reference shape.
 
     Attributes:
@@ -70,6 +72,7 @@ class WallLoad:
             tissue: the tissue's side of the vessel's outer face, which is to be refreshed before.
             region: of the tissue.
         """
+        super().__init__(system)
         self._stations = sections.stations
         self.tissue = np.zeros(len(self._stations))
         outer = str(sections.vessel.outer)
@@ -79,7 +82,7 @@ class WallLoad:
         area = ng.Norm(directed)
         stress = terms.cauchy_stress(system.solids[region], tissue.strain)
         pressure = -InnerProduct(directed, stress * directed) / (area * area)
-        ds = system.domain.ds(outer)
+        ds = system.domain.ds(outer, definedonelements=system.mine(ng.BND))
         test = space.TestFunction().Trace()
         self._forms = [ng.LinearForm(space) for _ in range(2)]
         self._forms[0] += (area * pressure).Compile() * test * ds
@@ -99,8 +102,15 @@ class WallLoad:
 
     def refresh(self) -> None:
         """Take the system's present state."""
-        sums = []
-        for form in self._forms:
-            form.Assemble()
-            sums.append(np.bincount(self._level, form.vec.FV().NumPy()[self._vertices]))
+        sums = self._sums()
         self.tissue = np.interp(self._stations, self._levels, sums[0] / sums[1])
+
+    @together
+    def _sums(self) -> Array:
+        """Return the integrals (2, levels) of pressure and area."""
+        sums = np.empty((2, len(self._levels)))
+        for form, found in zip(self._forms, sums, strict=True):
+            form.Assemble()
+            found[:] = np.bincount(self._level, form.vec.FV().NumPy()[self._vertices])
+        self.system.ranks.add(sums)
+        return sums

@@ -19,6 +19,7 @@ import ngsolve as ng
 import numpy as np
 
 from ngfsi.arrays import Array, Numbers
+from ngfsi.measure.points import Points, joined
 from ngfsi.mesh.centreline import Centreline, direction, find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
@@ -28,6 +29,7 @@ from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.forms import linear_form
 from ngfsi.system.sparse import csr
 from ngfsi.system.system import System
+from ngfsi.system.together import OnAllRanks, together
 from ngfsi.system.unknowns import same_functions
 
 Method = Literal["gradient", "consistent"]
@@ -73,7 +75,7 @@ class ShearStatistics:
     low: float
 
 
-class Wall:
+class Wall(OnAllRanks):
     """The interface as a boundary of the blood.
 
     The unknowns d live on both sides of the interface, where a boundary value of their gradient would be that of
@@ -87,7 +89,8 @@ class Wall:
         Args:
             lines: its centrelines; default: those found.
         """
-        self.system, self.vessel, self._lines = system, vessel, lines
+        super().__init__(system)
+        self.vessel, self._lines = vessel, lines
         domain, order = system.domain, system.unknowns.order
         fluid = str(vessel.lumen)
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
@@ -122,8 +125,11 @@ class Wall:
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
         self._gradient = k.F
         self._normal = normal.Compile()
-        self._points = self._map(rules(2 * order))
+        self._points, self._at_extremes = (
+            Points.of(system, self._region, rules(n)) for n in (INTEGRATE + order, 2 * order)
+        )
 
+    @together
     def refresh(self) -> None:
         """Take the system's present state."""
         system = self.system
@@ -140,15 +146,19 @@ class Wall:
         self._shear.Assemble()
         self._projection.solve(self._shear.vec.FV().NumPy(), self.field)
 
+    @together
     def statistics(self, threshold: float = 0.0, method: Method = METHOD) -> ShearStatistics:
         """Return mean and extremes of the wall shear stress's magnitude, and the fraction of the area below `threshold`
         (Pa)."""
-        magnitude, together = self._magnitudes[method]
+        magnitude, integrands = self._magnitudes[method]
         self._threshold.Set(threshold)
-        order = INTEGRATE + self.system.unknowns.order
-        area, sum_, low = ng.Integrate(together, self.system.domain.mesh, definedon=self._region, order=order)
-        values = magnitude(self._points)
-        return ShearStatistics(sum_ / area, float(values.min()), float(values.max()), low / area)
+        sums = self._points.integrals(integrands)
+        self.system.ranks.add(sums)
+        area, sum_, low = map(float, sums)
+        values = self._at_extremes.values(magnitude)
+        extremes = np.array([np.min(values, initial=np.inf), -np.max(values, initial=0.0)])
+        smallest, largest = self.system.ranks.smallest(extremes)[0]
+        return ShearStatistics(sum_ / area, float(smallest), -float(largest), low / area)
 
     def integral(self, integrand: Any) -> float:
         """Return the integral over the deformed wall of a field on it."""
@@ -159,19 +169,25 @@ class Wall:
 
         Triangles (tetrahedral meshes) are sampled as degenerate quadrilaterals.
         """
-        ticks = np.linspace(0.0, 1.0, refinement + 1).tolist()
-        corners = [(s, t) for t in ticks for s in ticks]
-        places = {ng.ET.QUAD: corners, ng.ET.TRIG: [(s * (1 - t), t) for s, t in corners]}
-        at = self._map({kind: ng.IntegrationRule(inside, [1.0] * len(inside)) for kind, inside in places.items()})
-        together = np.asarray(self._sampled(at))
-        points, shear, normal, along = np.split(together[:, :12], 4, axis=1)
-        first, row = np.arange(0, len(points), len(corners)), refinement + 1
+        values, row = self._on_grid(refinement), refinement + 1
+        points, shear, normal, along = np.split(values[:, :12], 4, axis=1)
+        first = np.arange(0, len(points), row**2)
         cells = np.add.outer(row * np.arange(refinement), np.arange(refinement)).ravel()
         quads = np.add.outer(np.add.outer(first, cells), [0, 1, row + 1, row]).reshape(-1, 4)
         along = along - np.sum(along * normal, axis=1)[:, None] * normal
         along /= np.linalg.norm(along, axis=1)[:, None]
         tangential = np.stack([np.sum(shear * way, axis=1) for way in (along, np.cross(along, normal))], axis=1)
-        return WallSample(points, quads, shear, together[:, 12], tangential)
+        return WallSample(points, quads, shear, values[:, 12], tangential)
+
+    @together
+    def _on_grid(self, refinement: int) -> Array:
+        """Return the values of `_sampled` at all points of the grid, on rank 0."""
+        ticks = np.linspace(0.0, 1.0, refinement + 1).tolist()
+        corners = [(s, t) for t in ticks for s in ticks]
+        places = {ng.ET.QUAD: corners, ng.ET.TRIG: [(s * (1 - t), t) for s, t in corners]}
+        rules = {kind: ng.IntegrationRule(inside, [1.0] * len(inside)) for kind, inside in places.items()}
+        points = Points.of(self.system, self._region, rules)
+        return joined(self.system.ranks.collect((points.mine, points.values(self._sampled))))
 
     @cached_property
     def _sampled(self) -> Any:
@@ -182,9 +198,6 @@ class Wall:
         along = self._gradient * direction(domain, self.vessel, lines)
         place, pressure = ng.CF((ng.x, ng.y, ng.z)) + self._motion, self.system.blood_pressure(self.vessel.name)
         return ng.CF((place, self.shear, self._normal, along, pressure)).Compile()
-
-    def _map(self, rules: Any) -> Any:
-        return self.system.domain.mesh.MapToAllElements(rules, self._region)
 
 
 class Projection:
@@ -201,8 +214,9 @@ class Projection:
             stretch: deformed over reference area.
             ds: measure of the reference area.
         """
-        self._stretch, self._ds = stretch, ds
+        self._stretch, self._system = stretch, system
         mesh, order = system.domain.mesh, system.unknowns.order
+        self._mine = system.domain.ds(vessel.interface, bonus_intorder=order, definedonelements=system.mine(ng.BND))
         self.space = ng.VectorH1(mesh, order=order)
         wall = system.domain.boundaries(vessel.interface)
         whole, scalar = ng.H1(mesh, order=order), ng.H1(mesh, order=order, definedon=wall)
@@ -223,12 +237,16 @@ class Projection:
         self._factors = splu(csr(self._mass.mat)[self._there][:, self._there].tocsc())
 
     def work_of(self, field: Any) -> ng.LinearForm:
-        """Return the work of a vector field on the interface, to be assembled and solved for its projection."""
-        return linear_form(self.space, [(self._stretch * (field * self.space.TestFunction().Trace()), self._ds)])
+        """Return the work of a vector field on this rank's part of the interface, to be assembled and solved for its
+        projection."""
+        return linear_form(self.space, [(self._stretch * (field * self.space.TestFunction().Trace()), self._mine)])
 
     def solve(self, work: Array, result: Any) -> None:
-        """Write the field that does the work (N/m, one value per function) on each function of the space."""
-        result.vec.FV().NumPy()[self._places] = self._factors.solve(work[self._places].T).T
+        """Write the field that does the work (N/m, one value per function, of each rank its part) on each function of
+        the space."""
+        there = work[self._places]
+        self._system.ranks.add(there)
+        result.vec.FV().NumPy()[self._places] = self._factors.solve(there.T).T
 
 
 class Traction:
@@ -249,7 +267,7 @@ class Traction:
         test, domain = projection.space.TestFunction().Trace(), system.domain
         area = k.cof * domain.outward_normal(str(vessel.lumen))
         pressure = system.fields().pressure * area
-        more = {"bonus_intorder": system.unknowns.order}
+        more = {"bonus_intorder": system.unknowns.order, "definedonelements": system.mine(ng.BND)}
         parts = [(pressure * test, domain.ds(vessel.interface, **more))]
         # what holds the prescribed velocity, on functions of the rim
         for name in set(system.unknowns.on_opening) & set(vessel.openings):

@@ -279,3 +279,13 @@ def elements_behind(domain: Domain, region: str, boundary: str) -> ngsolve.BitAr
         if any(side.nr in on for side in getattr(element, sides)):
             chosen[element.nr] = True
     return chosen
+
+
+def faces_of(domain: Domain, elements: ngsolve.BitArray) -> ngsolve.BitArray:
+    """Return the elements of boundaries that belong to some elements: of two on both sides, to that of lower number."""
+    sides = "faces" if domain.mesh.dim == 3 else "edges"
+    owner: dict[int, int] = {}
+    for element in domain.mesh.Elements(VOL):
+        for side in getattr(element, sides):
+            owner.setdefault(side.nr, element.nr)
+    return ngsolve.BitArray([elements[owner[getattr(face, sides)[0].nr]] for face in domain.mesh.Elements(BND)])

@@ -79,6 +79,19 @@ class Outlines:
     normal: Array
     whole: Mask
 
+    @classmethod
+    def interlaced(cls, parts: Sequence[Outlines]) -> Outlines:
+        """Return curves of which the first part has the first one, the second part the second one, and so on around."""
+        station = np.concatenate([number + len(parts) * part.station for number, part in enumerate(parts)])
+        order, count = np.argsort(station, kind="stable"), sum(len(part.whole) for part in parts)
+        element, points = (
+            np.concatenate([getattr(part, name) for part in parts])[order] for name in ("element", "points")
+        )
+        normal, whole = np.empty((count, 3)), np.empty(count, dtype=bool)
+        for number, part in enumerate(parts):
+            normal[number :: len(parts)], whole[number :: len(parts)] = part.normal, part.whole
+        return cls(station[order], element, points, normal, whole)
+
     def derivative(self, values: Array) -> Array:
         """Return the derivative of values (arcs, points, dim) by the parameter of each arc, from 0 to 1."""
         return np.asarray(gauss(self.points.shape[1]).slope @ values)

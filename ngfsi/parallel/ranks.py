@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
+from time import process_time
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ngfsi.errors import CaseError, SolverError
@@ -53,6 +54,7 @@ class Ranks:
         self.workers_ready = False
         self._under_way = False
         self._count = itertools.count()
+        self._waiting = 0.0
 
     @property
     def leads(self) -> bool:
@@ -63,22 +65,43 @@ class Ranks:
         """Return 0, 1, 2 ...: the same for things that are made by the same calls."""
         return next(self._count)
 
+    def processor_time(self) -> float:
+        """Return the seconds of the processor so far without those of exchanges with other ranks, in which a rank that
+        waits takes them, too. What PETSc exchanges by itself is not known here."""
+        return process_time() - self._waiting
+
+    def _exchange(self, exchange: Callable[..., Any], *data: Any) -> Any:
+        """Return what an exchange with the other ranks returns."""
+        start = process_time()
+        try:
+            return exchange(*data)
+        finally:
+            self._waiting += process_time() - start
+
+    def meet(self) -> None:
+        """Wait for all ranks, before a piece of work in which they would wait for each other."""
+        if self.size > 1:
+            self._exchange(self._comm.Barrier)
+
     @contextmanager
     def order(self, name: str, *data: Callable[[], Any]) -> Iterator[None]:
         """Have the other ranks, if there are any, do what this one does in the block.
 
+        Within a piece of work that is under way they come to the block by themselves.
+
         Args:
             data: each returns an argument for the others; called only if there are others.
         """
-        if self.size > 1 and self.leads:
-            self._comm.bcast((name, [make() for make in data]))
+        part_of_another = self._under_way
+        if self.size > 1 and self.leads and not part_of_another:
+            self._exchange(self._comm.bcast, (name, [make() for make in data]))
             self._under_way = True
         try:
             yield
         except SolverError:  # of all ranks
-            self._under_way = False
+            self._under_way = part_of_another
             raise
-        self._under_way = False
+        self._under_way = part_of_another
 
     def serve(self, handlers: dict[str, Handler]) -> None:
         """Serve the calls of rank 0 until it shuts the workers down.
@@ -86,7 +109,7 @@ class Ranks:
         What fails in a part of the work that ranks do by themselves, rank 0 knows and judges; anything else ends all.
         """
         while True:
-            name, data = self._comm.bcast(None)
+            name, data = self._exchange(self._comm.bcast, None)
             if name == END:
                 return
             try:
@@ -118,7 +141,7 @@ class Ranks:
             result = work()
         except Exception as error:
             failure = f"{error}" if isinstance(error, SolverError) else f"{type(error).__name__}: {error}"
-        said = self._comm.allgather(failure)
+        said = self._exchange(self._comm.allgather, failure)
         if any(said):
             rank = next(rank for rank, sentence in enumerate(said) if sentence)
             raise SolverError(f"{said[rank]} (on rank {rank} of {self.size})")
@@ -129,7 +152,33 @@ class Ranks:
         if self.size > 1:
             from mpi4py import MPI
 
-            self._comm.Allreduce(MPI.IN_PLACE, values)
+            self._exchange(self._comm.Allreduce, MPI.IN_PLACE, values)
+
+    def smallest(self, values: NDArray[np.float64], *more: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Return the smallest of each of some values over all ranks, NaN before all, and what belongs to those.
+
+        Args:
+            values: (n,)
+            more: (n, ...) of this rank's values.
+        """
+        import numpy as np
+
+        if self.size == 1:
+            return [values, *more]
+        of_ranks = [np.stack(each) for each in zip(*self.gather((values, *more)), strict=True)]
+        where = np.argmin(of_ranks[0], axis=0)
+        return [each[where, np.arange(len(values))] for each in of_ranks]
+
+    def collect(self, mine: T) -> list[T]:
+        """Return on rank 0 what each rank has, in the order of the ranks, and nothing on the others."""
+        if self.size == 1:
+            return [mine]
+        return self._exchange(self._comm.gather, mine) or []
+
+    def gather(self, mine: T) -> list[T]:
+        """Return what each rank has, in the order of the ranks."""
+        found: list[T] = self._exchange(self._comm.allgather, mine) if self.size > 1 else [mine]
+        return found
 
     def lowest(self, count: int, mine: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return for each of `count` things the lowest rank that has it among its own, or their number if none has."""
@@ -140,7 +189,7 @@ class Ranks:
         if self.size > 1:
             from mpi4py import MPI
 
-            self._comm.Allreduce(MPI.IN_PLACE, found, MPI.MIN)
+            self._exchange(self._comm.Allreduce, MPI.IN_PLACE, found, MPI.MIN)
         return found
 
 

@@ -1,26 +1,39 @@
-"""Wall time by kind of work."""
+"""Time by kind of work."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from time import perf_counter
+from time import perf_counter, process_time
 
 
 class Stopwatch:
-    """Adds up seconds; work inside of other work counts as itself alone, so that the sum is the time on the clock."""
+    """Adds up seconds; work inside of other work counts as itself alone, so that the sum is the time on the clock.
 
-    def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
+    Attributes:
+        seconds: on the clock, by kind of work.
+        cpu_s: of the processor, by kind of work.
+    """
+
+    def __init__(
+        self, clock: Callable[[], float] = perf_counter, processor: Callable[[], float] = process_time
+    ) -> None:
         """Begin.
 
         Args:
-            clock: that on the wall, or `time.process_time` on a machine with other work.
+            processor: seconds of the processor, on several ranks without those of waiting for others.
         """
-        self._clock = clock
+        self._clocks = clock, processor
         self.seconds: defaultdict[str, float] = defaultdict(float)
+        self.cpu_s: defaultdict[str, float] = defaultdict(float)
         self._under_way: list[str] = []
-        self._since = 0.0
+        self._since = [0.0, 0.0]
+
+    @property
+    def work(self) -> str:
+        """The kind of work that is under way; empty: none."""
+        return self._under_way[-1] if self._under_way else ""
 
     @contextmanager
     def __call__(self, work: str) -> Iterator[None]:
@@ -34,7 +47,8 @@ class Stopwatch:
             self._under_way.pop()
 
     def _book(self) -> None:
-        now = self._clock()
+        now = [clock() for clock in self._clocks]
         if self._under_way:
-            self.seconds[self._under_way[-1]] += now - self._since
+            for taken, end, start in zip((self.seconds, self.cpu_s), now, self._since, strict=True):
+                taken[self._under_way[-1]] += end - start
         self._since = now

@@ -26,10 +26,10 @@ from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.run.interrupts import Stops
 from ngfsi.run.observers import Observer, observers_of
 from ngfsi.run.progress import Progress
+from ngfsi.run.worker import shared_measures, shared_system, work_of_ranks
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import Step, TimeLoop
-from ngfsi.solve.worker import shared_system
 from ngfsi.store.checkpoint import Checkpoint, Checkpoints
 from ngfsi.store.folder import CASE, CHECKPOINTS, MANIFEST, STOP, RunFolder
 from ngfsi.store.provenance import versions
@@ -159,7 +159,7 @@ class Computation:
         """Begin, or go on from the checkpoint `start`."""
         self.case, self.folder, self.backend = case, folder, backend
         self.checkpoints, self.start = checkpoints, start
-        self.watch = Stopwatch()
+        self.watch = Stopwatch(processor=all_ranks().processor_time)
         self._factorisations = start.facts["factorisations"] if start else 0
         self._time = 0.0
         self._checkpoint_time: float | None = None
@@ -188,6 +188,7 @@ class Computation:
         try:
             with ng.TaskManager():
                 self._solve(domain, stops, quiet=quiet)
+                self.folder.update_manifest(work_of_ranks=work_of_ranks(self.watch, all_ranks()))
         finally:
             used = resource.getrusage(resource.RUSAGE_SELF)
             self.folder.update_manifest(
@@ -208,12 +209,12 @@ class Computation:
             if self.start is None:
                 self._factorisations += initial_state(system, newton, self.folder.log)
         with self.watch("measures"):
-            probe = Probe(system)
+            probe, fields = shared_measures(system)
             self._note(system, probe)
         shape = probe.deformation
         loop = TimeLoop(self.case, system, newton, shape.inversion, self.folder.log, explain=shape.diagnose_failure)
         until = self.start.facts["time_s"] if self.start else -inf
-        observers = observers_of(self.case, system, probe, self.folder, self.watch, until)
+        observers = observers_of(self.case, system, probe, self.folder, self.watch, until, fields)
         if self.start:
             self._restore(loop, observers)
         stops.patient = True

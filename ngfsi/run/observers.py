@@ -13,6 +13,7 @@ import ngsolve as ng
 from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.errors import SolverError
+from ngfsi.measure.points import joined
 from ngfsi.measure.probe import Probe
 from ngfsi.measure.quantities import columns
 from ngfsi.measure.scalars import Scalars
@@ -20,9 +21,10 @@ from ngfsi.measure.shape import Shape
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.physics.fields import MOTION
 from ngfsi.solve.time_loop import Step
-from ngfsi.store.fields import COLLAPSE, DEFORMATION, STRESS, FieldWriter
+from ngfsi.store.fields import COLLAPSE, DEFORMATION, STRESS, FieldWriter, NodeValues
 from ngfsi.store.folder import RunFolder, outline_rows
 from ngfsi.system.system import System
+from ngfsi.system.together import OnAllRanks, together
 
 if TYPE_CHECKING:
     from ngfsi.measure.stability import Softness, Stability
@@ -154,17 +156,20 @@ class VolumeFields(Observer):
 
 
 def observers_of(
-    case: Case, system: System, probe: Probe, folder: RunFolder, watch: Stopwatch, until: float
-) -> list[Observer]:
+    case: Case, system: System, probe: Probe, folder: RunFolder, watch: Stopwatch, until: float,
+    fields: SharedFields | None = None,
+) -> list[Observer]:  # fmt: skip
     """Return the observers of a run.
 
     Args:
+        fields: those written, which all ranks have made; default: made here.
         until: time (s) up to which the folder's fields are kept.
     """
     stability = _stability(system) if case.output.stability and system.solids else None
-    fields = volume_fields(system) | ({COLLAPSE: stability.mode} if stability and stability.mode else {})
-    scalars = probe.scalars
-    writer = FieldWriter(folder.path, system.domain, fields | (scalars.fields() if scalars else {}), until)
+    more, scalars = {COLLAPSE: stability.mode} if stability and stability.mode else {}, probe.scalars
+    more |= scalars.fields() if scalars else {}
+    shared = fields or SharedFields(system)
+    writer = FieldWriter(folder.path, system.domain, more, until, given=shared.values)
     found: list[Observer] = [Carrying(scalars, watch)] if scalars else []
     found.append(Series(probe, folder, watch))
     if probe.vessels:
@@ -176,6 +181,20 @@ def _stability(system: System) -> Stability | Softness:
     from ngfsi.measure.stability import Softness, Stability  # with solvers of eigenvalues, which most do without
 
     return Softness(system) if system.domain.mesh.dim == 2 else Stability(system)
+
+
+class SharedFields(OnAllRanks):
+    """Values of the fields written for ParaView at the nodes of the volume cells, of which each rank finds its own."""
+
+    def __init__(self, system: System) -> None:
+        super().__init__(system)
+        self._nodes = NodeValues(system.domain, volume_fields(system), system.mine(ng.VOL))
+
+    @together
+    def values(self) -> dict[str, Array]:
+        """Return the present values at the nodes of all cells by name, on rank 0."""
+        mine = self._nodes.mine
+        return {name: joined(self.system.ranks.collect((mine, one))) for name, one in self._nodes.values().items()}
 
 
 def volume_fields(system: System) -> dict[str, ng.CoefficientFunction]:

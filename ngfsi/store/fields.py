@@ -8,7 +8,7 @@ in the field data `boundary_faces`, with the names `boundaries`: see `BoundaryFa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ngfsi.arrays import Array
 from ngfsi.errors import OutputError
 from ngfsi.measure.ellipticity import principal_stretches, principal_values
+from ngfsi.measure.points import Points
 from ngfsi.measure.wall import WallSample
 from ngfsi.mesh.cells import KINDS
 from ngfsi.mesh.domain import Domain
@@ -89,6 +90,12 @@ CELL_TYPES = {
 }  # fmt: skip
 
 
+def node_rules(dim: int) -> dict[Any, ng.IntegrationRule]:
+    """Return the nodes of cells as integration rules, by NGSolve's shape of element."""
+    nodes = {shape: cell.nodes() for shape, cell in CELL_TYPES.items() if len(cell.corners[0]) == dim}
+    return {shape: ng.IntegrationRule([tuple(p) for p in at], [1.0] * len(at)) for shape, at in nodes.items()}
+
+
 class Cells:
     """The cells of a domain: curved, of second order, without common nodes, and of positive size.
 
@@ -100,9 +107,8 @@ class Cells:
     """
 
     def __init__(self, mesh: Any) -> None:
-        nodes = {shape: cell.nodes() for shape, cell in CELL_TYPES.items() if len(cell.corners[0]) == mesh.dim}
-        rules = {shape: ng.IntegrationRule([tuple(p) for p in at], [1.0] * len(at)) for shape, at in nodes.items()}
-        self.at = mesh.MapToAllElements(rules, mesh.Materials(".*"))
+        nodes = node_rules(mesh.dim)
+        self.at = mesh.MapToAllElements(nodes, mesh.Materials(".*"))
         self.points = np.asarray(ng.CF((ng.x, ng.y, ng.z)[: mesh.dim])(self.at))
         shapes = [element.type for element in mesh.Elements(ng.VOL)]
         self.kinds = np.array([CELL_TYPES[shape].number for shape in shapes], dtype=np.uint8)
@@ -153,6 +159,44 @@ class BoundaryFaces:
         return cls(names, np.array(rows, dtype=np.int32).reshape(-1, 6))
 
 
+class NodeValues:
+    """What is shown at the nodes of cells.
+
+    Attributes:
+        mine: which of the nodes of all cells are those of this rank's elements.
+    """
+
+    def __init__(
+        self, domain: Domain, fields: Mapping[str, ng.CoefficientFunction], mine: ng.BitArray | None = None
+    ) -> None:
+        """Prepare.
+
+        Args:
+            fields: name with unit -> field on the whole domain. The tensors have three rows and columns in plane
+                domains, too.
+            mine: this rank's elements; default: all.
+        """
+        self._chosen = {} if mine is None else {"definedonelements": mine}
+        self._points = Points(domain, domain.materials(), node_rules(domain.mesh.dim), mine)
+        self.mine = self._points.mine
+        # laws are costly to evaluate point by point: an elementwise projection takes a 200th of it
+        space = ng.L2(domain.mesh, order=CELL_ORDER, dim=9)
+        self._projected = {name: (ng.GridFunction(space), fields[name]) for name in (STRESS,) if name in fields}
+        shown = {**fields, **{name: projection for name, (projection, _) in self._projected.items()}}
+        self._widths = {name: field.dim for name, field in shown.items()}
+        self._together = ng.CF(tuple(shown.values())) if shown else None
+
+    def values(self) -> dict[str, Array]:
+        """Return the present values (nodes, components) at this rank's nodes by name: of tensors the invariants."""
+        if self._together is None:
+            return {}
+        for projection, field in self._projected.values():
+            projection.Set(field, **self._chosen)
+        ends = np.cumsum(list(self._widths.values()))[:-1]
+        parts = np.split(self._points.values(self._together), ends, axis=1)
+        return _invariants({name: _in_3d(part) for name, part in zip(self._widths, parts, strict=True)})
+
+
 class FieldWriter:
     """Writes the fields of a run into its folder.
 
@@ -161,32 +205,26 @@ class FieldWriter:
     """
 
     def __init__(
-        self, folder: Path, domain: Domain, volume_fields: dict[str, ng.CoefficientFunction], until: float = -np.inf,
-        *, double: bool = False,
+        self, folder: Path, domain: Domain, volume_fields: Mapping[str, ng.CoefficientFunction],
+        until: float = -np.inf, *, double: bool = False, given: Callable[[], dict[str, Array]] = dict,
     ) -> None:  # fmt: skip
         """Take the folder of the run and the reference shape.
 
         Args:
-            volume_fields: name with unit -> field on the whole domain; `displacement_m` must be among them. The tensors
-                have three rows and columns in plane domains, too.
+            volume_fields: as of `NodeValues`.
             until: fields up to this time [s] that the folder holds are kept, later ones removed.
             double: whether numbers have double precision, which takes twice the space.
+            given: returns values at the nodes of all cells, which are stored before those of `volume_fields`;
+                `displacement_m` must be among one or the other.
 
         Raises:
             OutputError: the folder cannot be read or written.
         """
-        if DISPLACEMENT not in volume_fields:
+        if DISPLACEMENT not in volume_fields and given is dict:
             raise ValueError(f"'{DISPLACEMENT}' must be among the fields: {sorted(volume_fields)}")
         self.folder = folder
         self._precision = np.float64 if double else np.float32
-        # laws are costly to evaluate point by point: an elementwise projection takes a 200th of it
-        space = ng.L2(domain.mesh, order=CELL_ORDER, dim=9)
-        self._projected = {
-            name: (ng.GridFunction(space), volume_fields[name]) for name in (STRESS,) if name in volume_fields
-        }
-        shown = volume_fields | {name: projection for name, (projection, _) in self._projected.items()}
-        self._widths = {name: shown[name].dim for name in volume_fields}
-        self._together = ng.CF(tuple(shown[name] for name in volume_fields))
+        self._given, self._values = given, NodeValues(domain, volume_fields)
         self.times = {
             name: [time for time in read_index(folder / INDEX.format(name)) if time <= until] for name in GRIDS
         }
@@ -248,14 +286,9 @@ class FieldWriter:
         return {REGION: np.array(numbers, dtype=np.int32)}, fixed
 
     def _volume(self) -> Grid:
-        for projection, field in self._projected.values():
-            projection.Set(field)
-        cells = self._cells
-        values = np.asarray(self._together(cells.at))
-        parts = np.split(values, np.cumsum(list(self._widths.values()))[:-1], axis=1)
-        data = {name: _in_3d(part) for name, part in zip(self._widths, parts, strict=True)}
-        points = _in_3d(cells.points) + data[DISPLACEMENT]
-        data = {name: np.squeeze(part.astype(self._precision)) for name, part in _invariants(data).items()}
+        cells, values = self._cells, self._given() | self._values.values()
+        points = _in_3d(cells.points) + values[DISPLACEMENT]
+        data = {name: np.squeeze(part.astype(self._precision)) for name, part in values.items()}
         return Grid(points.astype(self._precision), cells.order, cells.ends, cells.kinds, data, *self._of_cells)
 
 

@@ -6,7 +6,7 @@ It sums what solids, blood and conditions contribute, and knows none of the cond
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import ngsolve as ng
@@ -20,7 +20,7 @@ from ngfsi.errors import CaseError
 from ngfsi.materials.fluid.law import FluidLaw
 from ngfsi.materials.solid.law import Place, SolidModel
 from ngfsi.materials.solid.small_strain import SmallStrain
-from ngfsi.mesh.domain import Domain, elements_at
+from ngfsi.mesh.domain import Domain, elements_at, faces_of
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
@@ -112,6 +112,7 @@ class System:
         self.form, self.tangent = self._forms(space)
         self._residual = self.state.vec.CreateVector()
         self._last_sent: dict[str, Array] = {}
+        self._enrolled: list[Any] = []
 
     def _setup(self, references: Mapping[str, Any]) -> Setup:
         return Setup(
@@ -232,13 +233,16 @@ class System:
         return None if self.relaxation is None else Inv(Kinematics(ng.Grad(self.relaxation)).F)
 
     def blood_form(self, vessel: Vessel | None = None) -> ng.BilinearForm:
-        """Return the residual of the blood alone, of all ranks: what it lacks at a boundary is the force on that
-        boundary.
+        """Return the residual of the blood alone: what it lacks at a boundary is the force on that boundary.
 
         Args:
-            vessel: elements that do not touch its wall are left out.
+            vessel: of this rank's elements that touch its wall, instead of all elements.
         """
-        near = None if vessel is None else elements_at(self.domain, str(vessel.lumen), vessel.interface)
+        near = None
+        if vessel is not None:
+            near = elements_at(self.domain, str(vessel.lumen), vessel.interface)
+            if self._elements is not None:
+                near &= self._elements
         return residual_form(self.unknowns.space, self.blood_integrals(near))
 
     def integrals(self, *, linearised: bool = False) -> list[Integral]:
@@ -358,6 +362,24 @@ class System:
         """The state's vector of unknowns, as a view."""
         return np.asarray(self.state.vec.FV().NumPy())
 
+    def enrol(self, one: Any) -> int:
+        """Return the number of an object that all ranks make by the same calls (see `OnAllRanks`)."""
+        if self.ranks.size > 1:
+            self._enrolled.append(one)
+        return len(self._enrolled) - 1
+
+    def enrolled(self, number: int) -> Any:
+        """Return the object of a number."""
+        return self._enrolled[number]
+
+    def mine(self, kind: Any) -> ng.BitArray | None:
+        """Return this rank's elements of the mesh (VOL) or of its boundary (BND); None: all."""
+        return self._elements if kind == ng.VOL else self._faces
+
+    @cached_property
+    def _faces(self) -> ng.BitArray | None:
+        return None if self._elements is None else faces_of(self.domain, self._elements)
+
     def prescribe(self) -> None:
         """Write the values of prescribed unknowns, which may depend on the present shape."""
         for condition in self.conditions.values():
@@ -412,7 +434,10 @@ class System:
 
     def snapshot(self) -> dict[str, Array]:
         """Return copies of all that residual and derivative depend on beside the case, for `restore`."""
-        arrays = {name: np.array(field.vec.FV().NumPy()) for name, field in self._stored.items()}
+        return {name: np.array(part) for name, part in self._arrays().items()}
+
+    def _arrays(self) -> dict[str, Array]:
+        arrays = {name: np.asarray(field.vec.FV().NumPy()) for name, field in self._stored.items()}
         arrays["parameters"] = np.array([parameter.Get() for parameter in self._parameters])
         for name, part in self._with_memory():
             arrays |= {f"{name}.{key}": array for key, array in part.state_arrays().items()}
@@ -420,8 +445,11 @@ class System:
 
     def changed_state(self) -> dict[str, Array]:
         """Return of the snapshot what is not as it was at the last call."""
-        before, self._last_sent = self._last_sent, self.snapshot()
-        return {name: part for name, part in self._last_sent.items() if not np.array_equal(part, before.get(name, ()))}
+        before = self._last_sent
+        changed = {name: np.array(part) for name, part in self._arrays().items()
+                   if not np.array_equal(part, before.get(name, ()))}  # fmt: skip
+        self._last_sent |= changed
+        return changed
 
     def restore(self, snapshot: Mapping[str, Array]) -> None:
         """Take the state, rates and conditions of a snapshot of an equal system."""

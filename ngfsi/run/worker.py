@@ -1,12 +1,13 @@
-"""What ranks other than 0 do in a run: their partition of elements in residuals, linearisations and factors.
+"""What ranks other than 0 do in a run: their partition of elements in residuals, linearisations, factors and measures.
 
 Every rank has the whole mesh and whole vectors of unknowns, but integrals, matrices and factors only in part; rank 0
-also has the integrals on boundaries. So a state is known everywhere, and only sums are exchanged.
+also has the weak form's integrals on boundaries. So a state is known everywhere, and only sums are exchanged.
 """
 
 from __future__ import annotations
 
 import pickle
+import resource
 import tomllib
 from functools import partial
 from typing import Any
@@ -19,10 +20,12 @@ from ngfsi.arrays import Array, Numbers
 from ngfsi.case import Case
 from ngfsi.errors import CaseError
 from ngfsi.linear.backends import Name
+from ngfsi.measure.probe import Probe
 from ngfsi.mesh.domain import Domain
 from ngfsi.mesh.generate import MeshReport, quiet
 from ngfsi.parallel.ranks import Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
+from ngfsi.run.observers import SharedFields
 from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System
 
@@ -42,6 +45,23 @@ def shared_system(case: Case, domain: Domain, watch: Stopwatch, ranks: Ranks) ->
     mesh = partial(pickle.dumps, domain.mesh.ngmesh)
     with ranks.order("system", registry.plugins, case.to_toml, mesh, lambda: domain.report, lambda: owners):
         return ranks.together(lambda: System(case, domain, watch, ranks, _mine(owners, ranks)))
+
+
+def shared_measures(system: System) -> tuple[Probe, SharedFields]:
+    """Return measurements and fields of a system, of which each rank has those of its partition.
+
+    Raises:
+        SolverError: a rank failed.
+    """
+    with system.ranks.order("measures"):
+        return system.ranks.together(lambda: (Probe(system), SharedFields(system)))
+
+
+def work_of_ranks(watch: Stopwatch, ranks: Ranks) -> list[dict[str, Any]]:
+    """Return of each rank the seconds of the processor by kind of work, without waiting, and its largest memory."""
+    with ranks.order("report"):
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        return ranks.gather({"cpu_s": dict(watch.cpu_s), "peak_memory_MB": memory})
 
 
 def partition(domain: Domain, count: int) -> Numbers:
@@ -82,13 +102,14 @@ class Worker:
         self._system: Any = None
         self._solvers: dict[int, Newton] = {}
         self._known: dict[str, Array] = {}
+        self._watch = Stopwatch(processor=ranks.processor_time)
 
     def work(self) -> None:
         """Serve the calls of rank 0 until it is done."""
         with ng.TaskManager():
             self._ranks.serve(
-                {"system": self.system, "newton": self.newton, "residual": self.residual, "renew": self.renew,
-                 "solve": self.solve}
+                {"system": self.system, "measures": self.measures, "newton": self.newton, "residual": self.residual,
+                 "renew": self.renew, "solve": self.solve, "together": self.together, "report": self.report}
             )  # fmt: skip
 
     def system(self, plugins: tuple[str, ...], toml: str, mesh: bytes, report: MeshReport, owners: Numbers) -> None:
@@ -99,9 +120,28 @@ class Worker:
             case = Case.from_dict(tomllib.loads(toml))
             with quiet():
                 domain = Domain(ng.Mesh(pickle.loads(mesh)), case.geometry, report)
-            return System(case, domain, ranks=self._ranks, elements=_mine(owners, self._ranks))
+            return System(case, domain, self._watch, self._ranks, _mine(owners, self._ranks))
 
-        self._system = self._ranks.together(make)
+        with self._watch("set-up"):
+            self._system = self._ranks.together(make)
+
+    def measures(self) -> None:
+        """Make what is measured and written of the system."""
+        with self._watch("measures"):
+            shared_measures(self._system)
+
+    def together(
+        self, call: tuple[int, str, tuple[Any, ...], dict[str, Any], str], changed_state: dict[str, Array]
+    ) -> None:
+        """Call a method that is `together`, as a kind of work."""
+        self._receive_state(changed_state)
+        number, name, args, named, work = call
+        with self._watch(work):
+            getattr(self._system.enrolled(number), name)(*args, **named)
+
+    def report(self) -> None:
+        """Say what this rank's work took."""
+        work_of_ranks(self._watch, self._ranks)
 
     def newton(self, backend: Name, blocks: tuple[str, ...]) -> None:
         """Make a solver on some blocks of unknowns."""
@@ -111,7 +151,8 @@ class Worker:
     def residual(self, changed_state: dict[str, Array]) -> None:
         """Add to the residual."""
         self._receive_state(changed_state)
-        self._system.apply()
+        with self._watch("residuals"):
+            self._system.apply()
 
     def renew(self, number: int, changed_state: dict[str, Array]) -> None:
         """Linearise and factorise."""
