@@ -25,6 +25,7 @@ from ngfsi.linear.backends import choose_backend
 from ngfsi.materials.solid.viscosity import SolidViscosity
 from ngfsi.measure.deformation import Deformation
 from ngfsi.measure.points import Points
+from ngfsi.measure.stability import Softness
 from ngfsi.parallel.ranks import Ranks
 from ngfsi.physics.integrals import rules
 from ngfsi.run import run
@@ -36,6 +37,7 @@ from ngfsi.store.table import read_table
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import BLOCKS
 from ngfsi.transport.models import Age, Exposure
+from tests.columns.models import section
 from tests.conditions.test_contact import FLOWING
 from tests.conftest import SQUEEZED
 from tests.updates import case, updates
@@ -106,6 +108,16 @@ def test_shares_sum_up_to_the_system() -> None:
         assert max(of_parts) < 0.6 * size
     entries = [part.tangent.mat.nze for part in parts]
     assert max(entries) < 0.7 * whole.tangent.mat.nze  # a rank stores no matrix of what is not its own
+
+
+def test_softest_mode_is_that_of_all_elements() -> None:
+    whole = section().system
+    half = ng.BitArray(list(partition(whole.domain, 2) == 0))
+    part = System(whole.case, whole.domain, ranks=lonely(0), elements=half)
+    part.restore(whole.snapshot())
+    found, wanted = (Softness(system).refresh() for system in (part, whole))
+    assert found.stiffness == pytest.approx(wanted.stiffness, rel=1e-8)
+    assert found.place == wanted.place
 
 
 def test_ranks_without_mpi4py(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,6 +40,7 @@ def updates(order: int, backend: Name, ranks: Ranks) -> tuple[NDArray[np.float64
     unknowns, scale = system.unknowns, np.ones(system.unknowns.size)
     made = Factorisation(system.tangent, unknowns.free(), backend, unknowns.equations, scale=lambda: scale,
                          levels=lambda: levels_of(domain, unknowns), ranks=ranks)  # fmt: skip
+    rows = system.distribution(np.ones(unknowns.size, dtype=bool))
     found, counts = [], [0]
     for prepare, tolerance, weight in ((at_rest, TIGHT, 1.0), (at_rest, LOOSE, 1e9), (_in_flow, TIGHT, 1.0)):
         prepare(system)
@@ -50,7 +51,7 @@ def updates(order: int, backend: Name, ranks: Ranks) -> tuple[NDArray[np.float64
         right, update = system.state.vec.CreateVector(), system.state.vec.CreateVector()
         right.FV().NumPy()[:] = np.where(unknowns.free(), system.apply()[unknowns.equations], 0.0)
         made.solve(right, update)
-        found.append(np.array(update.FV().NumPy()))
+        found.append(rows.whole(np.asarray(update.FV().NumPy())[rows.mine]))
         counts.append(made.linear_iterations)
     multigrid.TOLERANCE = LOOSE
     return np.array(found), list(np.diff(counts))

@@ -162,7 +162,8 @@ class Factorisation:
     def solve(self, residual: Any, update: Any) -> None:
         """Write the solution of (linearisation) update = residual, zero on fixed unknowns, to `update`.
 
-        `residual` has the equation of each unknown in that unknown's place, and is overwritten.
+        `residual` has the equation of each unknown in that unknown's place, and is overwritten. On several ranks it is
+        this rank's part of a sum, and `update` is known where the rank has elements.
 
         Raises:
             SolverError: an iterative solver does not converge.
@@ -174,12 +175,12 @@ class Factorisation:
             values = residual.FV().NumPy()
             raw = residual.CreateVector()
             raw.FV().NumPy()[self._equations] = values
-            condensed = self._of_all(self.form.harmonic_extension_trans * raw).FV().NumPy()[self._equations]
+            condensed = (self.form.harmonic_extension_trans * raw).Evaluate().FV().NumPy()[self._equations]
             if self._less:
                 condensed[self._less[0]] -= condensed[self._less[1]]
             values += condensed
             self._invert(residual, update)
-            update.data += self._of_all(self.form.harmonic_extension * update + self.form.inner_solve * raw)
+            update.data += self.form.harmonic_extension * update + self.form.inner_solve * raw
 
     def solve_transposed(self, right: Any, result: Any) -> None:
         """Write the solution of (linearisation)^T result = right, zero on fixed unknowns, to `result`.
@@ -207,16 +208,8 @@ class Factorisation:
         else:
             result.data = self._inverse * right
         if len(self._last):
-            defect = self._rows_of_last @ result.FV().NumPy()
-            self._ranks.add(defect)
-            right.FV().NumPy()[self._last] -= defect
+            right.FV().NumPy()[self._last] -= self._rows_of_last @ result.FV().NumPy()
             result.data += self._inverse_of_last * right
             others, these = self._pairs
             values = result.FV().NumPy()
             values[others] -= self._rate * values[these]
-
-    def _of_all(self, product: Any) -> Any:
-        """Return the sum over all ranks of a product with an operator of their elements."""
-        vector = product.Evaluate()
-        self._ranks.add(vector.FV().NumPy())
-        return vector

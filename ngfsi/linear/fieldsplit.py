@@ -113,7 +113,7 @@ class FieldSplit:
     def solve(self, right: Any) -> Array:
         """Return the solution, its error below `TOLERANCE` in the Euclidean norm of the unknowns over their scales.
 
-        All ranks give the same right-hand side and get the whole solution.
+        Each rank gives its part of the right-hand side and gets the solution where it has elements.
 
         Raises:
             SolverError: on all ranks; GMRES needs more than `MOST_ITERATIONS`, or meets what is not finite.

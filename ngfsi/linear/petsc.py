@@ -97,7 +97,10 @@ class Summed:
         self._sum.assemble()
         self.matrix = self._sum.convert("aij", PETSc.Mat())
         self._right, self._solution = self.matrix.createVecs()
-        self.keep(there, self._mine, self._sum, self.matrix, self._right, self._solution)
+        self._touched, self._local = touched, PETSc.Vec().createSeq(len(touched), comm=PETSc.COMM_SELF)
+        rows = PETSc.IS().createGeneral(self.rows.number[touched].astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+        self._exchange = PETSc.Scatter().create(self._right, rows, self._local, None)
+        self.keep(there, self._mine, self._sum, self.matrix, self._right, self._solution, self._exchange)
 
     def keep(self, *objects: Any) -> None:
         """Keep what PETSc destroys on all ranks together."""
@@ -128,13 +131,21 @@ class Summed:
         return whole[self.rows.order[self.rows.mine]]
 
     def solved(self, solver: Any, right: Array) -> Array:
-        """Return what one of PETSc's solvers finds; all ranks give the whole right-hand side and get the whole."""
-        self._right.array[:] = self.part(right)
+        """Return what one of PETSc's solvers finds, in the rows that this rank touches, and 0 in others.
+
+        Args:
+            right: this rank's part of the right-hand side, which is the sum of all, in the same rows.
+        """
+        from petsc4py import PETSc
+
+        self._local.array[:] = right[self._touched]
+        self._right.set(0.0)
+        self._exchange.scatter(self._local, self._right, PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.SCATTER_REVERSE)
         solver.solve(self._right, self._solution)
-        whole = np.zeros(len(self.rows.order))
-        whole[self.rows.order[self.rows.mine]] = self._solution.array
-        self._ranks.add(whole)
-        return whole
+        self._exchange.scatter(self._solution, self._local)
+        found = np.zeros(len(self.rows.order))
+        found[self._touched] = self._local.array
+        return found
 
 
 def by_mumps(preconditioner: Any) -> Any:
@@ -187,7 +198,7 @@ class Mumps(ng.la.SparseFactorizationInterface):  # type: ignore[misc]
         check(self._factors)
 
     def Solve(self, b: Any, sol: Any) -> None:
-        """Solve; all ranks give the same right-hand side and get the whole solution."""
+        """Solve; each rank gives its part of the right-hand side and gets the solution where it has elements."""
         sol.FV().NumPy()[:] = self._summed.solved(self._solver, b.FV().NumPy())
 
     def _csr(self) -> tuple[Array, Numbers, Numbers]:

@@ -217,6 +217,8 @@ class Softness:
 
     def __init__(self, system: System) -> None:
         self._system = system
+        # on several ranks the tangent of one that has all elements
+        self._whole = system if system.mine(ng.VOL) is None else System(system.case, system.domain)
 
     def refresh(self) -> SoftestMode:
         """Return the lowest eigenvalue of the tangent stiffness in the present state against the integral of
@@ -227,7 +229,9 @@ class Softness:
         Raises:
             SolverError: no eigenvalue was found.
         """
-        system, tangent, domain = self._system, self._system.tangent, self._system.domain
+        if self._whole is not self._system:
+            self._whole.restore(self._system.snapshot())
+        system, tangent, domain = self._whole, self._whole.tangent, self._whole.domain
         space = system.unknowns.space
         chosen = np.flatnonzero(system.unknowns.free() & np.array(list(space.FreeDofs(tangent.condense))))
         tangent.AssembleLinearization(system.state.vec)

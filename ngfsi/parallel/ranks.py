@@ -7,7 +7,6 @@ without mpirun the same code runs without workers.
 
 from __future__ import annotations
 
-import itertools
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -53,17 +52,12 @@ class Ranks:
         self.size: int = communicator.size if communicator else 1
         self.workers_ready = False
         self._under_way = False
-        self._count = itertools.count()
         self._waiting = 0.0
 
     @property
     def leads(self) -> bool:
         """Whether this process is rank 0."""
         return self.rank == 0
-
-    def count(self) -> int:
-        """Return 0, 1, 2 ...: the same for things that are made by the same calls."""
-        return next(self._count)
 
     def processor_time(self) -> float:
         """Return the seconds of the processor so far without those of exchanges with other ranks, in which a rank that
@@ -77,11 +71,6 @@ class Ranks:
             return exchange(*data)
         finally:
             self._waiting += process_time() - start
-
-    def meet(self) -> None:
-        """Wait for all ranks, before a piece of work in which they would wait for each other."""
-        if self.size > 1:
-            self._exchange(self._comm.Barrier)
 
     @contextmanager
     def order(self, name: str, *data: Callable[[], Any]) -> Iterator[None]:
@@ -180,6 +169,16 @@ class Ranks:
         found: list[T] = self._exchange(self._comm.allgather, mine) if self.size > 1 else [mine]
         return found
 
+    def gather_entries(self, mine: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the entries of all ranks, one rank after the other, each with a number of them."""
+        import numpy as np
+
+        if self.size == 1:
+            return mine
+        found = np.empty(int(counts.sum()))
+        self._exchange(self._comm.Allgatherv, mine, (found, counts))
+        return found
+
     def lowest(self, count: int, mine: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return for each of `count` things the lowest rank that has it among its own, or their number if none has."""
         import numpy as np  # not before the number of its threads is known
@@ -190,6 +189,45 @@ class Ranks:
             from mpi4py import MPI
 
             self._exchange(self._comm.Allreduce, MPI.IN_PLACE, found, MPI.MIN)
+        return found
+
+
+class Distribution:
+    """Which entries of a vector are whose: each is the lowest rank's that touches it, and rank 0's if none does.
+
+    Attributes:
+        mine: the numbers of this rank's, ascending.
+    """
+
+    def __init__(self, ranks: Ranks, count: int, touched: NDArray[np.int64]) -> None:
+        """Distribute.
+
+        Args:
+            touched: numbers of the entries that this rank touches.
+        """
+        import numpy as np
+
+        owner = ranks.lowest(count, touched)
+        owner[owner == ranks.size] = 0
+        self._ranks, self.mine = ranks, np.flatnonzero(owner == ranks.rank)
+        self._order, self._counts = np.argsort(owner, kind="stable"), np.bincount(owner, minlength=ranks.size)
+
+    def whole(self, mine: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return on all ranks the whole of a vector of which each has its own entries."""
+        import numpy as np
+
+        found = np.empty(len(self._order))
+        found[self._order] = self._ranks.gather_entries(mine, self._counts)
+        return found
+
+    def collected(self, mine: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return on rank 0 the whole of some vectors (..., entries), of which each rank has its own entries."""
+        import numpy as np
+
+        parts = self._ranks.collect(mine)
+        found = np.empty((*mine.shape[:-1], len(self._order)))
+        if parts:
+            found[..., self._order] = np.concatenate(parts, axis=-1)
         return found
 
 

@@ -6,7 +6,6 @@ import os
 import resource
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib import import_module
 from math import inf
 from pathlib import Path
 from time import perf_counter
@@ -26,7 +25,7 @@ from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.run.interrupts import Stops
 from ngfsi.run.observers import Observer, observers_of
 from ngfsi.run.progress import Progress
-from ngfsi.run.worker import shared_measures, shared_system, work_of_ranks
+from ngfsi.run.worker import load_libraries, shared_measures, shared_system, work_of_ranks
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
 from ngfsi.solve.time_loop import Step, TimeLoop
@@ -35,9 +34,6 @@ from ngfsi.store.folder import CASE, CHECKPOINTS, MANIFEST, STOP, RunFolder
 from ngfsi.store.provenance import versions
 from ngfsi.store.stored import StoredRun, check_folder, open_run
 from ngfsi.system.system import System
-
-LIBRARIES = ("scipy.integrate", "scipy.interpolate", "scipy.sparse.linalg")
-"""Those with which every run measures: half a second to load, for which a refused case need not wait."""
 
 
 def run(
@@ -183,8 +179,7 @@ class Computation:
             self.folder.update_manifest(mesh=domain.statistics())
         if self.start and self.start.facts["mesh"] != self._mesh:
             raise OutputError(f"the checkpoint in '{self.folder.path}' is of another mesh: run the case anew")
-        for name in LIBRARIES:  # not within the seconds of measures and output, which are told and extrapolated
-            import_module(name)
+        load_libraries()
         try:
             with ng.TaskManager():
                 self._solve(domain, stops, quiet=quiet)

@@ -10,6 +10,7 @@ import pickle
 import resource
 import tomllib
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import ngsolve as ng
@@ -28,6 +29,15 @@ from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.run.observers import SharedFields
 from ngfsi.solve.newton import Newton
 from ngfsi.system.system import System
+
+LIBRARIES = ("scipy.integrate", "scipy.interpolate", "scipy.sparse.linalg")
+"""Those with which every run measures: half a second to load, for which a refused case need not wait."""
+
+
+def load_libraries() -> None:
+    """Load them, not within the seconds of measures and output, which are told and extrapolated."""
+    for name in LIBRARIES:
+        import_module(name)
 
 
 def shared_system(case: Case, domain: Domain, watch: Stopwatch, ranks: Ranks) -> System:
@@ -100,8 +110,6 @@ class Worker:
     def __init__(self, ranks: Ranks) -> None:
         self._ranks = ranks
         self._system: Any = None
-        self._solvers: dict[int, Newton] = {}
-        self._known: dict[str, Array] = {}
         self._watch = Stopwatch(processor=ranks.processor_time)
 
     def work(self) -> None:
@@ -109,13 +117,14 @@ class Worker:
         with ng.TaskManager():
             self._ranks.serve(
                 {"system": self.system, "measures": self.measures, "newton": self.newton, "residual": self.residual,
-                 "renew": self.renew, "solve": self.solve, "together": self.together, "report": self.report}
+                 "together": self.together, "report": self.report}
             )  # fmt: skip
 
     def system(self, plugins: tuple[str, ...], toml: str, mesh: bytes, report: MeshReport, owners: Numbers) -> None:
         """Make the system of a case (its file, read with plugins) on a mesh (Netgen's, as bytes)."""
 
         def make() -> System:
+            load_libraries()
             registry.load(plugins)
             case = Case.from_dict(tomllib.loads(toml))
             with quiet():
@@ -131,10 +140,10 @@ class Worker:
             shared_measures(self._system)
 
     def together(
-        self, call: tuple[int, str, tuple[Any, ...], dict[str, Any], str], changed_state: dict[str, Array]
+        self, call: tuple[int, str, tuple[Any, ...], dict[str, Any], str], changed_state: dict[str, Any]
     ) -> None:
         """Call a method that is `together`, as a kind of work."""
-        self._receive_state(changed_state)
+        self._system.take(changed_state)
         number, name, args, named, work = call
         with self._watch(work):
             getattr(self._system.enrolled(number), name)(*args, **named)
@@ -145,26 +154,9 @@ class Worker:
 
     def newton(self, backend: Name, blocks: tuple[str, ...]) -> None:
         """Make a solver on some blocks of unknowns."""
-        solver = Newton(self._system, backend, *blocks)
-        self._solvers[solver.number] = solver
+        Newton(self._system, backend, *blocks)
 
-    def residual(self, changed_state: dict[str, Array]) -> None:
+    def residual(self, changed_state: dict[str, Any]) -> None:
         """Add to the residual."""
-        self._receive_state(changed_state)
-        with self._watch("residuals"):
-            self._system.apply()
-
-    def renew(self, number: int, changed_state: dict[str, Array]) -> None:
-        """Linearise and factorise."""
-        self._receive_state(changed_state)
-        self._solvers[number].factorisation.renew(self._system.state.vec)
-
-    def _receive_state(self, changed_state: dict[str, Array]) -> None:
-        self._known |= changed_state
-        self._system.restore(self._known)
-
-    def solve(self, number: int, values: Array) -> None:
-        """Solve for a right-hand side."""
-        residual, update = (self._system.state.vec.CreateVector() for _ in range(2))
-        residual.FV().NumPy()[:] = values
-        self._solvers[number].factorisation.solve(residual, update)
+        self._system.take(changed_state)
+        self._ranks.add(np.asarray(self._system.part_of_residual().FV().NumPy()))

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -30,7 +31,9 @@ from ngfsi.errors import SolverError
 from ngfsi.linear.backends import BACKENDS, Name
 from ngfsi.linear.factorisation import Factorisation, Last
 from ngfsi.linear.levels import levels_of
+from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.system.system import System
+from ngfsi.system.together import OnAllRanks, together
 from ngfsi.system.unknowns import NAMES
 
 FEWEST = 4
@@ -49,6 +52,9 @@ DEPENDENT = 1e-12
 """Differences that depend on each other up to the root of this fraction add nothing."""
 FACTORED_KEPT = 2
 """Number of last states of factorisation that are kept."""
+
+
+Way = Literal["plainly", "mixed", "halfway back"]
 
 
 def renewal_cost(unknowns: int, *, iterates: bool) -> float:
@@ -78,9 +84,14 @@ class Mixing:
     Differences of earlier solves with the same factors serve on: they say the same about these factors.
     """
 
-    def __init__(self, *equations: float) -> None:
-        """Begin; `equations`: parameters of which the derivatives depend."""
-        self._equations = np.array(equations)
+    def __init__(self, *equations: float, ranks: Ranks = SERIAL) -> None:
+        """Begin.
+
+        Args:
+            equations: parameters of which the derivatives depend.
+            ranks: each of which has a part of the unknowns, and does the same.
+        """
+        self._equations, self._ranks = np.array(equations), ranks
         self._count = 0
         self._rows = np.zeros((2, 0, 0))
         """Differences of g, and of x + g; the next one takes the place of the oldest."""
@@ -94,9 +105,9 @@ class Mixing:
         return {"equations": self._equations, "rows": known.copy(), "count": np.array(self._count)}
 
     @classmethod
-    def stored(cls, arrays: Mapping[str, Array]) -> Mixing:
+    def stored(cls, arrays: Mapping[str, Array], ranks: Ranks = SERIAL) -> Mixing:
         """Return the mixing stored as `arrays`."""
-        mixing, rows = cls(*arrays["equations"]), arrays["rows"]
+        mixing, rows = cls(*arrays["equations"], ranks=ranks), arrays["rows"]
         mixing._count = int(arrays["count"])
         mixing._rows = np.empty((2, DEPTH if mixing._count else 0, rows.shape[2]))
         mixing._rows[:, : mixing._known] = rows
@@ -105,7 +116,7 @@ class Mixing:
     def of(self, *equations: float) -> Mixing:
         """Return the mixing of another solve with the same factors: this one, or a new one for other equations."""
         if not np.allclose(equations, self._equations, rtol=SAME_EQUATIONS, atol=0.0):
-            return Mixing(*equations)
+            return Mixing(*equations, ranks=self._ranks)
         self._last = None
         return self
 
@@ -116,12 +127,12 @@ class Mixing:
             self._learn(x - self._last[0], g - self._last[1], weight)
         elif self._known:
             rows = self._rows[0, : self._known] / scale
-            self._products[: self._known, : self._known] = rows @ rows.T
+            self._products[: self._known, : self._known] = self._summed(rows @ rows.T)
         self._last = x, g
         if not self._known:
             return x + g
         rows, both = self._rows[:, : self._known]
-        found = _least_squares(rows, self._products[: self._known, : self._known], weight, g)
+        found = self._least_squares(rows, self._products[: self._known, : self._known], weight, g)
         return np.asarray(x + g - found @ both)
 
     @property
@@ -134,38 +145,47 @@ class Mixing:
         at = self._count % DEPTH
         self._rows[0, at], self._rows[1, at] = dg, dx + dg
         self._count += 1
-        products = self._rows[0, : self._known] @ (weight * dg)
+        products = self._summed(self._rows[0, : self._known] @ (weight * dg))
         self._products[at, : self._known] = self._products[: self._known, at] = products
 
+    def _summed(self, products: Array) -> Array:
+        """Return the sum over the parts of all ranks."""
+        self._ranks.add(products)
+        return products
 
-def _least_squares(rows: Array, products: Array, weight: Array, wanted: Array) -> Array:
-    """Return the weights of the rows, few and long, whose sum comes closest to a vector, by given weights of entries.
+    def _least_squares(self, rows: Array, products: Array, weight: Array, wanted: Array) -> Array:
+        """Return the weights of the rows, few and long, whose sum comes closest to a vector, by given weights of
+        entries.
 
-    By normal equations of the rows at unit length, in a third of the time of an orthogonal factorisation; a correction
-    for what is left makes up for their rounding.
+        By normal equations of the rows at unit length, in a third of the time of an orthogonal factorisation; a
+        correction for what is left makes up for their rounding.
 
-    Args:
-        products: of the rows with each other.
+        Args:
+            products: of the rows with each other.
+        """
+        lengths = np.sqrt(np.diag(products))
+        lengths[lengths == 0.0] = 1.0
+        inverse = np.linalg.pinv(products / np.outer(lengths, lengths), rcond=DEPENDENT, hermitian=True)
+        found = np.zeros(len(rows))
+        for again in (False, True):
+            left = wanted - found @ rows if again else wanted
+            found += inverse @ (self._summed(rows @ (weight * left)) / lengths) / lengths
+        return found
+
+
+class Newton(OnAllRanks):
+    """Solver of a system's nonlinear equations on the unknowns of the named blocks (all if none is named).
+
+    Rank 0 decides; of iterates, updates and what mixing has learnt each rank has its own unknowns.
     """
-    lengths = np.sqrt(np.diag(products))
-    lengths[lengths == 0.0] = 1.0
-    inverse = np.linalg.pinv(products / np.outer(lengths, lengths), rcond=DEPENDENT, hermitian=True)
-    found = np.zeros(len(rows))
-    for again in (False, True):
-        left = wanted - found @ rows if again else wanted
-        found += inverse @ (rows @ (weight * left) / lengths) / lengths
-    return found
-
-
-class Newton:
-    """Solver of a system's nonlinear equations on the unknowns of the named blocks (all if none is named)."""
 
     def __init__(self, system: System, backend: Name, *blocks: str) -> None:
-        self.system = system
-        with system.ranks.order("newton", lambda: backend, lambda: blocks):
-            self.number = system.ranks.count()
         self.blocks = blocks or tuple(name for name, part in system.unknowns.blocks.items() if len(part))
         self.free: Mask = system.unknowns.free(*blocks)
+        with system.ranks.order("newton", lambda: backend, lambda: blocks):
+            super().__init__(system)
+            self._distribution = system.distribution(self.free)
+        self._mine = np.flatnonzero(self.free)[self._distribution.mine]
         self._always = system.case.solver.linearise == "always"
         self.factorisation = Factorisation(
             system.tangent, self.free, backend, system.unknowns.equations, system.watch,
@@ -177,8 +197,9 @@ class Newton:
         self._excess = 0
         self._sharpened = False
         self._factored_at: list[dict[str, Array]] = []
-        self._mixing = Mixing(*self._equations())
+        self._mixing = Mixing(*self._equations(), ranks=system.ranks)
         self._update = system.state.vec.CreateVector()
+        self._scale = self._x = self._step = self._best = np.zeros(0)
 
     def arrays(self) -> dict[str, Array]:
         """Return as plain arrays what the next solve depends on, for `restore`: of the factors, where they were made.
@@ -186,7 +207,7 @@ class Newton:
         Those are the first and the last point: Pardiso orders and scales every matrix as the first one.
         """
         kept = {f"point{i}.{name}": part for i, point in enumerate(self._factored_at) for name, part in point.items()}
-        kept |= {f"mixing.{name}": part for name, part in self._mixing.arrays().items()}
+        kept |= {f"mixing.{name}": part for name, part in self._learnt().items()}
         weight = np.nan if self._factored_weight is None else self._factored_weight
         return kept | {"renewal": np.array([weight, self._excess, self._sharpened])}
 
@@ -202,7 +223,21 @@ class Newton:
                 self._factorise()
         self._factored_weight = None if np.isnan(weight) else float(weight)
         self._excess = int(excess)
-        self._mixing = Mixing.stored(part_of(arrays, "mixing"))
+        self._learn(part_of(arrays, "mixing"))
+
+    @together
+    def _learnt(self) -> dict[str, Array]:
+        """Return what mixing has learnt, on rank 0."""
+        arrays = self._mixing.arrays()
+        if arrays["rows"].size:
+            arrays["rows"] = self._distribution.collected(arrays["rows"])
+        return arrays
+
+    @together
+    def _learn(self, arrays: dict[str, Array]) -> None:
+        if arrays["rows"].size:
+            arrays = arrays | {"rows": arrays["rows"][..., self._distribution.mine]}
+        self._mixing = Mixing.stored(arrays, self.system.ranks)
 
     def solve(self, tolerance: float, max_iterations: int, ahead: float | None = None) -> Solution:
         """Solve from the present state; the solution becomes the state.
@@ -232,48 +267,70 @@ class Newton:
     def _iterate(self, tolerance: float, max_iterations: int, ahead: float) -> Solution:
         solution = Solution()
         scales = self.system.block_scales()
-        scale = self._scale_vector(scales)[self.free]
         taken = self.factorisation.linear_iterations
         if self._needs_renewal(ahead):
             self._renew(solution, ahead)
-        self._mixing = self._mixing.of(*self._equations())
+        self._begin(scales)
         history: list[float] = []
         always_renew, first = self._always, 0.0
-        best = self.system.values[self.free].copy()
         while solution.iterations < max_iterations:
             solution.iterations += 1
-            step = self._plain_step()
+            self.system.prescribe()
+            solution.changes = self._plain_step(scales)
             solution.linear_iterations = self.factorisation.linear_iterations - taken
-            solution.changes = self._changes(step, scales)
             change = max(solution.changes.values())
-            x = self.system.values[self.free].copy()
             first = first or change
             if not np.isfinite(change) or (always_renew and change > GROWTH * first):
                 break
             if change < tolerance:
-                self.system.values[self.free] = x + step
+                self._go("plainly")
                 self.system.prescribe()
                 return solution
             history.append(change)
-            best = x if change == min(history) else best
+            best = change == min(history)
             if not always_renew and not self._too_slow(history):
-                self.system.values[self.free] = self._mixing.next(x, step, scale)
+                self._go("mixed", best=best)
                 continue
             always_renew = always_renew or solution.factorisations >= 2
             if solution.factorisations:
                 self._sharpen()
             # the best state may be that of the factors, where renewing them would change nothing
-            self.system.values[self.free] = (best + x) / 2 if self._grown(history) else x + step
+            self._go("halfway back" if self._grown(history) else "plainly", best=best)
             self._renew(solution, self.system.new_weight.Get())
             history = []
         raise SolverError(self._failure_message(solution, scales))
 
-    def _plain_step(self) -> Array:
-        residual = self.system.residual()
+    @together
+    def _begin(self, scales: Mapping[str, float]) -> None:
+        """Begin to solve from the present state."""
+        self._scale = self._scale_vector(scales)[self._mine]
+        self._mixing = self._mixing.of(*self._equations())
+        self._best = self.system.values[self._mine]
+
+    @together
+    def _plain_step(self, scales: Mapping[str, float]) -> dict[str, float]:
+        """Find the plain step from the present state, and return the change of each block over its scale."""
+        residual = self.system.part_of_residual()
         residual.FV().NumPy()[~self.free] = 0.0
-        with self.system.ranks.order("solve", lambda: self.number, residual.FV().NumPy):
-            self.factorisation.solve(residual, self._update)
-        return -np.asarray(self._update.FV().NumPy()[self.free])
+        self.factorisation.solve(residual, self._update)
+        self._x, self._step = self.system.values[self._mine], -np.asarray(self._update.FV().NumPy()[self._mine])
+        return self._changes(scales)
+
+    @together
+    def _go(self, way: Way, *, best: bool = False) -> None:
+        """Go to the next state: by the plain step, by that of mixing, or to the middle between this and the best state.
+
+        Args:
+            best: whether this state is the best one.
+        """
+        x, step = self._x, self._step
+        self._best = x if best else self._best
+        if way == "mixed":
+            new = self._mixing.next(x, step, self._scale)
+        else:
+            new = x + step if way == "plainly" else (self._best + x) / 2
+        self.system.values[self.free] = self._distribution.whole(new)
+        self.system.all_have_state()
 
     def _needs_renewal(self, weight: float) -> bool:
         if self._factored_weight is None or self._excess >= self._cost or self._always:
@@ -299,7 +356,7 @@ class Newton:
         self._factorise()
         self.system.new_weight.Set(present)
         self._factored_weight = weight
-        self._mixing = Mixing(*self._equations())
+        self._forget()
         self._excess = 0
         solution.factorisations += 1
 
@@ -310,9 +367,17 @@ class Newton:
         self._sharpened, self._factored_at = True, []
         return True
 
+    @together
+    def _forget(self) -> None:
+        """Forget what mixing has learnt of the factors before."""
+        self._mixing = Mixing(*self._equations(), ranks=self.system.ranks)
+
+    @together
+    def _make_factors(self) -> None:
+        self.factorisation.renew(self.system.state.vec)
+
     def _factorise(self) -> None:
-        with self.system.ranks.order("renew", lambda: self.number, self.system.changed_state):
-            self.factorisation.renew(self.system.state.vec)
+        self._make_factors()
         self._factored_at = [*self._factored_at[: FACTORED_KEPT - 1], self.system.snapshot()]
 
     @staticmethod
@@ -330,11 +395,13 @@ class Newton:
             scale[self.system.unknowns.blocks[name]] = scales[name]
         return scale
 
-    def _changes(self, step: Array, scales: Mapping[str, float]) -> dict[str, float]:
+    def _changes(self, scales: Mapping[str, float]) -> dict[str, float]:
         unknowns = self.system.unknowns
         whole = np.zeros(unknowns.size)
-        whole[self.free] = np.abs(step)
-        return {name: float(np.max(whole[unknowns.blocks[name]], initial=0.0)) / scales[name] for name in self.blocks}
+        whole[self._mine] = np.abs(self._step)
+        largest = np.array([np.max(whole[unknowns.blocks[name]], initial=0.0) for name in self.blocks])
+        (found,) = self.system.ranks.smallest(-largest)
+        return {name: -float(change) / scales[name] for name, change in zip(self.blocks, found, strict=True)}
 
     def _failure_message(self, solution: Solution, scales: Mapping[str, float]) -> str:
         finite = {k: v for k, v in solution.changes.items() if np.isfinite(v)}

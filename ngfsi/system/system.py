@@ -13,7 +13,7 @@ import ngsolve as ng
 import numpy as np
 from ngsolve import GridFunction, Inv, Parameter
 
-from ngfsi.arrays import Array, part_of
+from ngfsi.arrays import Array, Mask, part_of
 from ngfsi.case import Case
 from ngfsi.conditions.condition import Condition, Setup
 from ngfsi.errors import CaseError
@@ -22,7 +22,7 @@ from ngfsi.materials.solid.law import Place, SolidModel
 from ngfsi.materials.solid.small_strain import SmallStrain
 from ngfsi.mesh.domain import Domain, elements_at, faces_of
 from ngfsi.mesh.geometry import Vessel
-from ngfsi.parallel.ranks import SERIAL, Ranks
+from ngfsi.parallel.ranks import SERIAL, Distribution, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, PRESSURE, STRETCH, VELOCITY, Fields, Named
@@ -42,6 +42,8 @@ SLOWEST = 0.01
 """Flow by which changes of the velocity are judged at least while the solids move, over the blood's volume (1/s)."""
 BEFORE = "before"
 """Name of the last accepted state among what is stored, where a model of a solid needs it."""
+FEW = 0.25
+"""Fraction of a vector's entries below which other ranks are sent those that have changed instead of all."""
 ROUNDING = 1e-13
 """Forces below this fraction of modulus times size squared are rounding: those of a nanopascal on the skin."""
 
@@ -112,6 +114,7 @@ class System:
         self.form, self.tangent = self._forms(space)
         self._residual = self.state.vec.CreateVector()
         self._last_sent: dict[str, Array] = {}
+        self._received: dict[str, Array] = {}
         self._enrolled: list[Any] = []
 
     def _setup(self, references: Mapping[str, Any]) -> Setup:
@@ -443,21 +446,51 @@ class System:
             arrays |= {f"{name}.{key}": array for key, array in part.state_arrays().items()}
         return arrays
 
-    def changed_state(self) -> dict[str, Array]:
-        """Return of the snapshot what is not as it was at the last call."""
-        before = self._last_sent
-        changed = {name: np.array(part) for name, part in self._arrays().items()
-                   if not np.array_equal(part, before.get(name, ()))}  # fmt: skip
-        self._last_sent |= changed
+    def changed_state(self) -> dict[str, Any]:
+        """Return of the snapshot what is not as it was at the last call, for `take`: of a vector of which little has
+        changed, numbers and values of that."""
+        before, changed = self._last_sent, dict[str, Any]()
+        for name, part in self._arrays().items():
+            if name in before and name in self._stored:
+                other = np.flatnonzero(part != before[name])
+                before[name][other] = part[other]
+                if len(other):
+                    changed[name] = (other, part[other]) if len(other) < FEW * len(part) else before[name]
+            elif not np.array_equal(part, before.get(name, ())):
+                before[name] = changed[name] = np.array(part)
         return changed
+
+    def all_have_state(self) -> None:
+        """Take note that all ranks have the vector of unknowns as it is now."""
+        if "state" in self._last_sent:
+            self._last_sent["state"][:] = self.values
+
+    def take(self, changed: Mapping[str, Any]) -> None:
+        """Take over what rank 0 has as its `changed_state`."""
+        for name, part in changed.items():
+            if name not in self._stored:
+                self._received[name] = part
+                continue
+            numbers, values = part if isinstance(part, tuple) else (slice(None), part)
+            self._stored[name].vec.FV().NumPy()[numbers] = values
+        if "parameters" in changed:
+            self._set_parameters(self._received["parameters"])
+        if not set(changed) <= {*self._stored, "parameters"}:
+            self._restore_memory(self._received)
 
     def restore(self, snapshot: Mapping[str, Array]) -> None:
         """Take the state, rates and conditions of a snapshot of an equal system."""
         for name, field in self._stored.items():
             field.vec.FV().NumPy()[:] = snapshot[name]
-        for parameter, value in zip(self._parameters, snapshot["parameters"], strict=True):
+        self._set_parameters(snapshot["parameters"])
+        self._restore_memory(snapshot)
+
+    def _set_parameters(self, values: Array) -> None:
+        for parameter, value in zip(self._parameters, values, strict=True):
             parameter.Set(float(value))
         self.set_step(self.step.Get())
+
+    def _restore_memory(self, snapshot: Mapping[str, Array]) -> None:
         for name, part in self._with_memory():
             part.restore_state(part_of(snapshot, name))
 
@@ -473,9 +506,27 @@ class System:
         with self.watch("residuals"):
             self.prescribe()
             with self.ranks.order("residual", self.changed_state):
-                values = self.apply()
-        values[:] = self.unknowns.arranged(values)
+                self.ranks.add(np.asarray(self.part_of_residual().FV().NumPy()))
         return self._residual
+
+    def part_of_residual(self) -> Any:
+        """Return this rank's part of the residual, each equation in its unknown's place; overwritten later."""
+        with self.watch("residuals"):
+            values = self.apply()
+            values[:] = self.unknowns.arranged(values)
+        return self._residual
+
+    def distribution(self, chosen: Mask) -> Distribution:
+        """Return which of the chosen unknowns are whose, for calls of all ranks."""
+        if self.ranks.size == 1:
+            numbers = np.arange(self.unknowns.size)
+        else:
+            space, mine = self.unknowns.space, self.mine(ng.VOL)
+            found = [space.GetDofNrs(e) for e in self.domain.mesh.Elements(ng.VOL) if mine is None or mine[e.nr]]
+            numbers = np.unique([number for of_one in found for number in of_one if number >= 0])
+        touched = np.zeros(self.unknowns.size, dtype=bool)
+        touched[numbers] = True
+        return Distribution(self.ranks, int(np.sum(chosen)), np.flatnonzero(touched[chosen]))
 
     def is_at_rest(self) -> bool:
         """Whether nothing moves and nothing acts, but for rounding of the stresses in the given shape."""
@@ -484,11 +535,9 @@ class System:
         return not np.any(self.values) and float(np.max(np.abs(forces), initial=0.0)) <= rounding
 
     def apply(self) -> Array:
-        """Evaluate the residual of the weak form at the present state, each rank its part, and return it."""
+        """Evaluate this rank's part of the residual of the weak form at the present state, and return it."""
         self.ranks.together(lambda: self.form.Apply(self.state.vec, self._residual))
-        values = np.asarray(self._residual.FV().NumPy())
-        self.ranks.add(values)
-        return values
+        return np.asarray(self._residual.FV().NumPy())
 
     def sentence(self) -> str:
         """Return what acts now, for reports and failures."""

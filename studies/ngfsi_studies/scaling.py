@@ -13,7 +13,7 @@ import os
 import subprocess
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from math import log, log2
+from math import log
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -30,11 +30,13 @@ from ngfsi_studies.speed import CASES
 PYTHON = Path(__file__).parents[2] / ".venv-mpi" / "bin" / "python"
 STEPS = 5
 SHARED = ("residuals", "assembly", "factorisation", "solves")
-"""Kinds of work of which all ranks do their part; the rest is rank 0's."""
+"""Kinds of work of which all ranks do their part."""
+MEASURED = ("measures", "output")
+"""Those of which all ranks do a part, and rank 0 the rest."""
+SURFACE = 6.0
+"""Unknowns on the surface of a part over the power 2/3 of those within: of a cube."""
 BANDWIDTH = 1e9
 """B/s between two machines, of 10 Gb/s Ethernet."""
-VECTORS = 4
-"""That go to or come from all ranks in an iteration: state, residual, right-hand side, solution."""
 
 
 def case(layers: int) -> Case:
@@ -49,23 +51,43 @@ SIZES = {layers: case(layers) for layers in (6, 12)}
 
 @dataclass(frozen=True)
 class Measured:
-    """A run; `seconds` by kind of work."""
+    """A run.
+
+    Attributes:
+        work: of each rank the seconds of the processor by kind of work, without waiting for other ranks but where
+            PETSc does.
+        memory: largest of each rank (MB).
+    """
 
     layers: int
     ranks: int
     unknowns: int
     iterations: int
-    seconds: dict[str, float]
+    work: list[dict[str, float]]
+    memory: list[float]
+
+    def slowest(self, kind: str) -> float:
+        """Return the seconds of a kind of work on the rank that takes longest."""
+        return max(of_rank.get(kind, 0.0) for of_rank in self.work)
 
     @property
-    def rest(self) -> float:
-        """Seconds of rank 0 alone, without the mesh."""
-        return sum(value for name, value in self.seconds.items() if name not in (*SHARED, "mesh"))
+    def measuring(self) -> float:
+        """Seconds of measures and output, on the mean of the ranks other than 0, or on rank 0 if it is alone."""
+        others = self.work[1:] or self.work
+        return float(np.mean([sum(of_rank.get(kind, 0.0) for kind in MEASURED) for of_rank in others]))
+
+    @property
+    def alone(self) -> float:
+        """Seconds of rank 0 alone, without the mesh; of one rank without measures and output."""
+        first = self.work[0]
+        of_measures = sum(first.get(kind, 0.0) for kind in MEASURED) - self.measuring
+        kinds = set(first) - {*SHARED, *MEASURED, "mesh"}
+        return sum(first[kind] for kind in kinds) + max(of_measures, 0.0)
 
     @property
     def total(self) -> float:
         """Seconds without the mesh."""
-        return self.rest + sum(self.seconds[name] for name in SHARED)
+        return self.alone + self.measuring + sum(map(self.slowest, SHARED))
 
 
 def measure(layers: int, ranks: int) -> Measured:
@@ -86,18 +108,21 @@ def measure(layers: int, ranks: int) -> Measured:
             raise SolverError(f"the run on {ranks} ranks failed: {ended.stderr.strip()}")
         run = open_run(folder)
         iterations = int(np.sum(run.costs["iterations"]))
-        return Measured(layers, ranks, run.manifest["unknowns"], iterations, dict(run.manifest["seconds"]))
+        of_ranks = run.manifest["work_of_ranks"]
+        return Measured(layers, ranks, run.manifest["unknowns"], iterations, [one["cpu_s"] for one in of_ranks],
+                        [one["peak_memory_MB"] for one in of_ranks])  # fmt: skip
 
 
 class Model:
-    """Seconds of each kind of work as c N^a / P^b of unknowns and ranks, and the traffic of rank 0 with the others."""
+    """Seconds of each kind of work as c N^a / P^b of unknowns and ranks, and the traffic between them."""
 
     def __init__(self, runs: Sequence[Measured]) -> None:
         """Fit by least squares of the logarithms; what rank 0 does alone has b = 0, and none has b < 0 or b > 1."""
         self._iterations = float(np.mean([run.iterations for run in runs]))
-        self.powers = {name: self._fit(runs, [run.seconds[name] for run in runs]) for name in SHARED}
-        alone = [run for run in runs if run.ranks == 1]
-        self.powers["rank 0 alone"] = self._fit(alone, [run.rest for run in alone])
+        self.powers = {name: self._fit(runs, [run.slowest(name) for run in runs]) for name in SHARED}
+        self.powers["measures, output"] = self._fit(runs, [run.measuring for run in runs])
+        several = [run for run in runs if run.ranks > 1]
+        self.powers["rank 0 alone"] = (*self._fit(several, [run.alone for run in several])[:2], 0.0)
 
     @staticmethod
     def _fit(runs: Sequence[Measured], seconds: Sequence[float]) -> tuple[float, float, float]:
@@ -113,18 +138,21 @@ class Model:
         found = {
             name: float(np.exp(c) * unknowns**a / ranks**b) for name, (c, a, b) in self.powers.items()
         }  # fmt: skip
-        found["traffic"] = self._iterations * VECTORS * 8 * unknowns * log2(ranks) / BANDWIDTH
+        # in an iteration the next state comes to all ranks, and in place of a residual and an update what ranks share
+        values = unknowns + 2 * SURFACE * (unknowns / ranks) ** (2 / 3)
+        found["traffic"] = self._iterations * 8 * values / BANDWIDTH if ranks > 1 else 0.0
         return found
 
 
 def tables(runs: Sequence[Measured], unknowns: float = 1e6, many: Sequence[int] = (1, 2, 64, 1024)) -> str:
     """Return what was measured and what the model says, in Markdown."""
     rows = [
-        [f"{run.unknowns:,}", str(run.ranks), *(f"{run.seconds[name]:.2f}" for name in SHARED), f"{run.rest:.2f}",
-         f"{run.total:.2f}"]
+        [f"{run.unknowns:,}", str(run.ranks), *(f"{run.slowest(name):.2f}" for name in SHARED), f"{run.measuring:.2f}",
+         f"{run.alone:.2f}", f"{run.total:.2f}", ", ".join(f"{memory:,.0f}" for memory in run.memory)]
         for run in runs
     ]  # fmt: skip
-    measured = markdown_table(["unknowns", "ranks", *SHARED, "rank 0 alone", "sum"], rows)
+    head = ["unknowns", "ranks", *SHARED, "measures, output", "rank 0 alone", "sum", "MB"]
+    measured = markdown_table(head, rows)
     model = Model(runs)
     powers = [[name, f"{a:.2f}", f"{b:.2f}"] for name, (_, a, b) in model.powers.items()]
     fitted = markdown_table(["work", "power of unknowns", "power of 1 / ranks"], powers)

@@ -14,7 +14,7 @@ from ngsolve import BaseVector, Parameter
 from numpy.typing import NDArray
 
 from ngfsi.errors import SolverError
-from ngfsi.parallel.ranks import SERIAL
+from ngfsi.parallel.ranks import SERIAL, Distribution
 from ngfsi.parallel.stopwatch import Stopwatch
 from ngfsi.solve import newton as module
 from ngfsi.solve.newton import Mixing, Newton
@@ -73,10 +73,19 @@ class Algebraic:
     def changed_state(self) -> dict[str, Vector]:
         raise AssertionError("there is nobody to tell")
 
+    def enrol(self, _one: object) -> int:
+        return -1
+
+    def distribution(self, chosen: NDArray[np.bool_]) -> Distribution:
+        return Distribution(SERIAL, int(np.sum(chosen)), np.arange(np.sum(chosen)))
+
+    def all_have_state(self) -> None:
+        """There is nobody to tell."""
+
     def prescribe(self) -> None:
         self.prescribed += 1
 
-    def residual(self) -> Any:
+    def part_of_residual(self) -> Any:
         y = self.values / SCALE
         self._residual.FV().NumPy()[:] = COUPLING @ (y - SOLUTION) + self.cubic * (y**3 - SOLUTION**3)
         return self._residual
@@ -276,7 +285,7 @@ def test_fixed_unknowns_stay(make: Make) -> None:
     system.values[[1, 4]] = 0.3 * SCALE[[1, 4]]
     make(system).solve(1e-12, 60)
     assert np.array_equal(system.values[[1, 4]], 0.3 * SCALE[[1, 4]])
-    rows = np.asarray(system.residual().FV().NumPy())
+    rows = np.asarray(system.part_of_residual().FV().NumPy())
     assert np.abs(rows[free]).max() < 1e-10
     assert np.abs(rows[~free]).min() > 1e-3
 
@@ -287,7 +296,7 @@ def test_chosen_blocks_are_solved_with_the_others_held(make: Make) -> None:
     newton = make(system, "w", "p")
     solution = newton.solve(1e-12, 60)
     assert set(solution.changes) == {"w", "p"}
-    rows = np.asarray(system.residual().FV().NumPy())
+    rows = np.asarray(system.part_of_residual().FV().NumPy())
     for name in BLOCKS:
         assert np.array_equal(system.values[PARTS[name]], 0.9 * SCALE[PARTS[name]]) == (name in "de")
         assert (np.abs(rows[PARTS[name]]).max() < 1e-10) == (name in "wp")
@@ -300,8 +309,8 @@ class Rootless(Algebraic):
         super().__init__()
         self.part = PARTS[name]
 
-    def residual(self) -> Any:
-        residual = super().residual()
+    def part_of_residual(self) -> Any:
+        residual = super().part_of_residual()
         y = self.values[self.part] / SCALE[self.part]
         residual.FV().NumPy()[self.part] = y * y + 1
         return residual
