@@ -24,7 +24,7 @@ from ngfsi.mesh.domain import Domain, elements_behind
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
 from ngfsi.physics.fields import MOTION, VELOCITY
-from ngfsi.physics.integrals import Integral
+from ngfsi.physics.integrals import Integral, OverFaces
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.units import Compliance, Resistance
 
@@ -408,7 +408,7 @@ class WindkesselTraction(ResistiveTraction):
 
 def through(
     domain: Domain, lumen: str, boundary: str, integrand: Any, elements: ng.BitArray | None, bonus: int = 0
-) -> Integral:
+) -> OverFaces:
     """Return an integrand, which may hold the whole gradient, on a boundary of the blood, the normal pointing out."""
     face = GridFunction(ng.FacetFESpace(domain.mesh, order=0))
     face.Set(1, definedon=domain.boundaries(boundary))
@@ -416,7 +416,7 @@ def through(
     if elements is not None:
         near &= elements
     measure = domain.dx(lumen, element_boundary=True, definedonelements=near, bonus_intorder=bonus)
-    return Integral([face * integrand], measure)
+    return OverFaces([face * integrand], measure)
 
 
 class FlowOpening(OpeningModel):

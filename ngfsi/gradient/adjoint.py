@@ -550,7 +550,7 @@ class Adjoint:
             raise SolverError("a measured quantity has a derivative that is not finite")
         if self._is_old():
             self._renew()
-        ways: list[tuple[Array, Array, Array]] = []
+        ways = np.empty((3, PATIENCE, len(right)))  # with their images and whole images
         fall = 1.0
         while (norm := float(np.linalg.norm(left))) > wanted:
             rounding = norm < ENOUGH / EXACT * wanted and fall < STAGNATES
@@ -559,17 +559,17 @@ class Adjoint:
             way = self._preconditioned(left / scale)
             whole = self._derivative(way)
             product = self._pulled_back(whole) * scale
-            for other, image, other_whole in ways:
-                part = image @ product
-                way -= part * other
-                product -= part * image
-                whole -= part * other_whole
-            length = np.linalg.norm(product)
-            ways.append((way / length, product / length, whole / length))
-            step = ways[-1][1] @ left
-            found += step * ways[-1][0]
-            derivative += step * ways[-1][2]
-            left = left - step * ways[-1][1]
+            new = np.array([way, product, whole])
+            for _ in range(2):  # once leaves rounding
+                new -= np.tensordot(ways[1, :count] @ new[1], ways[:, :count], axes=(0, 1))
+            new /= np.linalg.norm(new[1])
+            if count == ways.shape[1]:
+                ways = np.concatenate([ways, np.empty_like(ways)], axis=1)
+            ways[:, count] = new
+            step = new[1] @ left
+            found += step * new[0]
+            derivative += step * new[2]
+            left = left - step * new[1]
             fall = 1 - float(np.linalg.norm(left)) / norm
             count += 1
             if count == PATIENCE:

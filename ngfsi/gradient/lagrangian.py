@@ -20,7 +20,8 @@ from ngfsi.arrays import Array
 from ngfsi.conditions.condition import Setup
 from ngfsi.materials.solid.law import IsotropicLaw
 from ngfsi.physics.fields import MOTION
-from ngfsi.physics.integrals import Integral
+from ngfsi.physics.integrals import Integral, OverFaces
+from ngfsi.system.sparse import csr
 from ngfsi.system.system import BEFORE, System
 
 
@@ -72,7 +73,10 @@ class Lagrangian(System):
     def _forms(self, space: Any) -> tuple[Any, Any]:
         integrals = [*self.integrals(), *self.inertia_integrals(self._acceleration, self._test[MOTION])]
         directions = list(self._direction.values())
-        others = [one for one in integrals if not any(one is other for other in self._by_symmetry)]
+        at_openings = [one for one in integrals if isinstance(one, OverFaces)]
+        apart = [*self._by_symmetry, *at_openings]
+        others = [one for one in integrals if not any(one is other for other in apart)]
+        self._at_openings = self._linear(space, at_openings, directions)
         self._by_state = gradient_form(
             space, others, list(self._trial.values()), directions, at_points=self._works, linearised=self._linearised
         )
@@ -82,6 +86,7 @@ class Lagrangian(System):
         ]
         motion = [self.relaxation], [self._direction[MOTION]]
         self._by_relaxation = None if self.relaxation is None else gradient_form(space, self._works, *motion, numbers=0)
+        self._rows: Any = None
         self._result = self.state.vec.CreateVector()
         self._remember(space, directions)
         return None, None
@@ -119,9 +124,36 @@ class Lagrangian(System):
         """Take multipliers of the equations, each in the place of its unknown."""
         self.unknowns.test(values, self.multipliers.vec.FV().NumPy())
 
+    def _linear(self, space: Any, integrals: Sequence[Integral], directions: list[Any]) -> ng.BilinearForm:
+        """Return a form whose linearisation is that of integrals: with test functions for the multipliers, in which
+        they are linear."""
+        form = ng.BilinearForm(space, check_unused=False)
+        for integrands, measure in integrals:
+            whole = sum(integrands[1:], start=integrands[0])
+            pairs = zip(self.multipliers.components, directions, strict=True)
+            form += sum((whole.Diff(one, direction) for one, direction in pairs), start=ng.CF(0)).Compile() * measure
+        return form
+
+    def restore(self, snapshot: Mapping[str, Array]) -> None:
+        """As of a system; what is not applied but multiplied is linearised."""
+        super().restore(snapshot)
+        self._rows = None
+
     def by_state(self) -> Array:
-        """Return the derivative of multipliers times residual by all unknowns."""
-        return self._applied(self._by_state)
+        """Return the derivative of multipliers times residual by all unknowns.
+
+        Of openings the matrix takes as long as one or two products at the points of all faces of the elements there.
+        """
+        found = self._applied(self._by_state)
+        if self._at_openings.integrators:
+            if self._rows is None:
+                self._at_openings.AssembleLinearization(self.state.vec)
+                matrix = csr(self._at_openings.mat)
+                numbers = np.flatnonzero(abs(matrix) @ np.ones(matrix.shape[1]))
+                self._rows = numbers, matrix[numbers].T.tocsr()
+            numbers, transposed = self._rows
+            found += transposed @ self.multipliers.vec.FV().NumPy()[numbers]
+        return found
 
     def by_histories(self) -> tuple[Array, Array]:
         """Return the derivatives by the histories of the velocity and of the acceleration."""

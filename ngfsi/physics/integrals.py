@@ -17,6 +17,10 @@ class Integral(NamedTuple):
     measure: Any
 
 
+class OverFaces(Integral):
+    """One over the boundaries of a few elements, of which a face counts: linearised it is a small matrix."""
+
+
 def rules(order: int) -> dict[Any, ng.IntegrationRule]:
     """Return an integration rule for each shape of element.
 
