@@ -11,7 +11,7 @@ import numpy as np
 
 from ngfsi.arrays import Array, Mask, Numbers
 from ngfsi.errors import SolverError
-from ngfsi.linear.backends import BACKENDS, Name, of_double_precision
+from ngfsi.linear.backends import BACKENDS, Name, choose_backend, of_double_precision
 from ngfsi.linear.levels import Levels
 from ngfsi.parallel.ranks import SERIAL, Ranks
 from ngfsi.parallel.stopwatch import Stopwatch
@@ -62,7 +62,7 @@ class Factorisation:
             scale: returns that of each unknown, in whose measure such a solver judges its error; default: 1.
             ranks: ranks of which each has a partition of the form, and which all call `renew` and `solve`.
             less: unknowns from whose equations those of as many others, with entries in the same columns, are taken.
-            last: what a direct solver leaves out of the equations of the other unknowns, and solves for after them.
+            last: what is left out of the equations of the other unknowns, and solved for after them by a direct solver.
         """
         self.form, self.backend, self.count = form, backend, 0
         self._watch, self._ranks = watch or Stopwatch(), ranks
@@ -70,7 +70,7 @@ class Factorisation:
         solved = free & np.array(list(form.space.FreeDofs(form.condense)))
         self._iterates = BACKENDS[backend].iterates
         after = np.zeros_like(solved)
-        if last is not None and self._iterates is None:
+        if last is not None and (self._iterates is None or ranks.size == 1):
             after[last.unknowns] = solved[last.unknowns]
         if not WORTH * np.sum(solved) <= np.sum(after) < np.sum(solved):
             after[:] = False
@@ -108,7 +108,8 @@ class Factorisation:
                 shared = self._ranks.size > 1
                 self._inverse = self._factors(self._inverse, shared=shared)
                 if len(self._last):
-                    self._inverse_of_last = BACKENDS[self.backend].factors(
+                    direct = choose_backend("auto") if self._iterates else self.backend
+                    self._inverse_of_last = BACKENDS[direct].factors(
                         self.form.mat, self._after, self._inverse_of_last, shared=shared
                     )
                     self._rows_of_last = csr(self.form.mat)[self._last]

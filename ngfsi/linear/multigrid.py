@@ -4,7 +4,7 @@ The preconditioner is block triangular, one correction after the other:
 
 1. blood, wall and the tissue's functions of first order, by a direct solver. The basis is hierarchical, so their matrix
    is a part of the whole one. The blood's added mass and the thin, stiff wall, which no smoother bears, are in it;
-2. mesh motion, which follows from the wall, by a direct solver;
+2. mesh motion, which follows from the wall, by a direct solver, unless it is left to the end (`factorisation.Last`);
 3. the tissue, by one sweep of block Gauss-Seidel over the patches of elements around its vertices, with which
    iterations do not grow with the order (Schöberl, Melenk, Pechstein and Zaglmayr, IMA J Numer Anal 28, 2008).
 

@@ -113,7 +113,7 @@ def measure(stored: dict[str, Any]) -> Taken:
         watch.seconds[kind] - analysed[kind] for kind in ("residuals", "assembly", "factorisation", "solves")
     )
     before = factorisation.linear_iterations
-    multigrid.TOLERANCE = TIGHT
+    multigrid.TOLERANCE, multigrid.LEFT = TIGHT, 1.0
     with suppress(SolverError):
         update(system, factorisation)
     memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

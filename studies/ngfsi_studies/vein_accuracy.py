@@ -44,17 +44,23 @@ known."""
 
 def families() -> dict[str, dict[str, Case]]:
     """Return the vein, as `ngfsi bench` runs it, on its meshes, by kind of elements and by what they are."""
-    plain, tetrahedra, few = CASES["vein"], CASES["vein-tetrahedra"], mesh(2.5, 3)
-    more = few.replace(axial_layers=6, end_refinement=6.0)
-    found = {"tetrahedra, order 2": {"straight tetrahedra, order 2": tetrahedra}}
-    for name, size, layers in (("six", 2.5, 6), ("eight", 1.0, 8), ("ten", 0.6, 10)):
-        thin = mesh(size, 2).replace(element="tetrahedron", axial_layers=layers, end_refinement=6.0)
-        full = f"tetrahedra, {name} layers, thin at the ends, order 2"
-        found["tetrahedra, order 2"][full] = _on(plain, thin, 2)
-    for order in (2, 3, 4):
+    plain, few = CASES["vein"], mesh(2.5, 3)
+    six, ten, sixteen = (
+        few.replace(axial_layers=n, end_refinement=thin) for n, thin in ((6, 6.0), (10, 12.0), (16, 20.0))
+    )
+    finer = mesh(1.0, 3).replace(axial_layers=8, end_refinement=6.0)
+    tetrahedra = {"six layers, thin at the ends": six, "eight layers, thin at the ends, finer section": finer,
+                  "ten layers, thinner at the ends": ten, "sixteen layers, thinnest at the ends": sixteen}  # fmt: skip
+    found = {"tetrahedra, order 2": {"straight tetrahedra, order 2": CASES["vein-tetrahedra"]} | {
+        f"tetrahedra, {name}, order 2": _on(plain, elements.replace(element="tetrahedron"), 2)
+        for name, elements in tetrahedra.items()
+    }}  # fmt: skip
+    layers = {"two layers": few, "six layers, thin at the ends": six, "ten layers, thinner at the ends": ten,
+              "sixteen layers, thinnest at the ends": sixteen}  # fmt: skip
+    for order, count in ((2, 4), (3, 2), (4, 2)):
         found[f"hexahedra, order {order}"] = {
             f"hexahedra, {name}, order {order}": _on(plain, elements, order)
-            for name, elements in (("two layers", few), ("six layers, thin at the ends", more))
+            for name, elements in list(layers.items())[:count]
         }
     return found
 
