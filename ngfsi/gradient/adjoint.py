@@ -61,6 +61,8 @@ STAGNATES = 0.1
 """Fraction of the residual that an iteration takes away at least, or an accepted one is left at that."""
 AGREEMENT = 1e-4
 """Relative difference beyond which derivatives and differences of the residual are not the same."""
+UNEVEN = 0.1
+"""Part of the movement of vertices by which it may differ for a larger and a smaller number."""
 PROBE = 1e-5
 """Size of the change of the state by which they are compared, over the scales of its unknowns."""
 
@@ -270,6 +272,9 @@ class Varied:
         self.parameter, self._run = parameter, run
         self._pair = [self._system(case) for case in parameter.varied(run.case)]
         path, self._measured = parameter.path, dict[str, list[Measured]]()
+        if path[0] == "geometry":
+            middle = same_mesh(run.case, run.domain, parameter.name)
+            check_even([one.domain.vertices for one in self._pair], middle.vertices, parameter.name)
         # of materials the viscosity of the blood is in what is measured
         self._counts = path[0] != "materials" or (path[1] == "fluid" and path[-1] != "density")
         if self._counts and path[0] in ("materials", "geometry"):
@@ -355,6 +360,17 @@ def same_mesh(case: Case, domain: Domain, name: str) -> Domain:
         raise CaseError(f"--by {name}: the mesh is another one when it changes, so that there is no derivative: "
                         "structured geometries such as a tube keep theirs")  # fmt: skip
     return other
+
+
+def check_even(ends: Sequence[Array], middle: Array, name: str) -> None:
+    """Refuse a number of the geometry with which vertices (n, dim) jump, as those of unstructured meshes do.
+
+    Raises:
+        CaseError: they do not move as much to one side as to the other.
+    """
+    if np.abs(ends[0] + ends[1] - 2 * middle).max() > UNEVEN * np.abs(ends[0] - ends[1]).max():
+        raise CaseError(f"--by {name}: the vertices of the mesh jump when it changes, so that there is no derivative: "
+                        "structured geometries such as a tube move theirs evenly")  # fmt: skip
 
 
 class Adjoint:

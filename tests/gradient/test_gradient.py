@@ -18,7 +18,7 @@ from ngfsi.conditions.openings import ResistanceOpening, WindkesselOpening
 from ngfsi.config.functions import FlowConstant, FlowTable, FlowWaveform, PressureConstant, PressureRamp, PressureTable
 from ngfsi.errors import CaseError
 from ngfsi.gradient import command, functionals, vectors
-from ngfsi.gradient.adjoint import Gradient, StoredStates, gradient_of, same_mesh
+from ngfsi.gradient.adjoint import Gradient, StoredStates, check_even, gradient_of, same_mesh
 from ngfsi.gradient.functionals import functionals_of, measured
 from ngfsi.gradient.parameters import Parameter, changed, parameters_of
 from ngfsi.gradient.window import Window, wanted
@@ -237,6 +237,12 @@ def test_shapes_that_have_no_derivative() -> None:
         same_mesh(case.replace(**{"geometry.mesh.far_size": 9e-3}), domain_of(BONED), "geometry.mesh.far_size")
     with pytest.raises(CaseError, match=r"geometry.aspect_ratio: 1 can be varied to one side only"):
         gradient(case, "lumen_volume", Window(), "geometry.aspect_ratio")
+    places, moves = np.random.default_rng(2).uniform(0.0, 0.1, (2, 20, 3))
+    check_even([places + sign * 1e-6 * moves + 1e-12 * moves for sign in (1, -1)], places, "geometry.length")
+    jumped = places.copy()
+    jumped[7, 1] += 1e-7
+    with pytest.raises(CaseError, match=r"--by geometry.length: the vertices of the mesh jump"):
+        check_even([jumped + 1e-6 * moves, places - 1e-6 * moves], places, "geometry.length")
     edge = case_of(BONED.replace(aspect_ratio=2.0, lumen_diameter=8e-3), **RAMPED)  # where two edges more begin
     with pytest.raises(CaseError, match=r"geometry.aspect_ratio: the mesh is another one when it changes"):
         same_mesh(parameters_of(edge, ["geometry.aspect_ratio"])[0].varied(edge)[0], domain_of(edge.geometry),
