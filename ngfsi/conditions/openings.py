@@ -277,7 +277,7 @@ class Traction(Opening):
             work = terms.opening(setup.fluid, self.pressure(), k, f.grad_velocity, normal, v)
         else:
             work = terms.follower_pressure(self.pressure(), k, normal, v)
-        found = [through(domain, self.lumen, self.opening, work, elements)]
+        found: list[Integral] = [through(domain, self.lumen, self.opening, work, elements)]
         if self._back is not None:
             difference = f.velocity - self._entering * self._back
             work = terms.backflow(setup.blood_density, k, difference, f.relative, normal, v)
