@@ -129,6 +129,12 @@ class Condition:
         setup = self._setup
         return self.static_integrals(setup.trial[MOTION], setup.test[MOTION]) if setup.leads else []
 
+    def integrals_of(self, _fields: Fields, _test: Named, _elements: ng.BitArray | None) -> list[Integral] | None:
+        """Return its terms, all of them part of the blood's balance of momentum, as functions of the blood's fields and
+        test functions alone; None: some are not, and `integrals` and `blood_integrals` are to be asked. A residual made
+        of the former takes less time."""
+        return None
+
     def blood_integrals(self, _elements: ng.BitArray | None) -> list[Integral]:
         """Return those of its terms that are part of the blood's balance of momentum."""
         return []

@@ -23,7 +23,7 @@ from ngfsi.errors import CaseError
 from ngfsi.mesh.domain import Domain, elements_behind
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
-from ngfsi.physics.fields import MOTION, VELOCITY
+from ngfsi.physics.fields import MOTION, VELOCITY, Fields, Named
 from ngfsi.physics.integrals import Integral, OverFaces
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.units import Compliance, Resistance
@@ -269,8 +269,15 @@ class Traction(Opening):
 
         NGSolve's own over a boundary with the whole gradient (`skeleton`) takes all elements, and room for them.
         """
+        setup = self._setup
+        return self._works(setup.fields(setup.trial), setup.test[MOTION], elements)
+
+    def integrals_of(self, fields: Fields, test: Named, elements: ng.BitArray | None) -> list[Integral] | None:
+        """Return them unless the pressure is an unknown."""
+        return None if self.own_unknowns() else self._works(fields, test[MOTION], elements)
+
+    def _works(self, f: Fields, v: Any, elements: ng.BitArray | None) -> list[Integral]:
         setup, domain, normal = self._setup, self.domain, ng.specialcf.normal(self.domain.mesh.dim)
-        f, v = setup.fields(setup.trial), setup.test[MOTION]
         k = Kinematics(f.grad_motion)
         if self._developed:
             assert setup.fluid is not None

@@ -7,9 +7,15 @@ import numpy as np
 
 from ngfsi.arrays import Array, Numbers
 from ngfsi.materials.solid.fibres import Fibred
-from ngfsi.measure.ellipticity import Ellipticity, EllipticityInAllDirections, extreme, principal_stretches
+from ngfsi.measure.ellipticity import (
+    Ellipticity,
+    EllipticityInAllDirections,
+    determinants,
+    extreme,
+    principal_stretches,
+)
 from ngfsi.measure.points import Points
-from ngfsi.physics.integrals import rules
+from ngfsi.physics.integrals import form_rules
 from ngfsi.physics.kinematics import Kinematics, in_3d
 from ngfsi.system.system import System
 from ngfsi.system.together import OnAllRanks, together
@@ -26,9 +32,11 @@ class Deformation(OnAllRanks):
         super().__init__(system)
         domain, motion = system.domain, system.motion
         self._solids = domain.geometry.solids
-        k = Kinematics(ng.Grad(motion))
-        self._size, self._J = ng.Norm(motion).Compile(), k.J.Compile()
-        self._strain = in_3d(system.deformation_gradient(), 1.0)
+        F = Kinematics(ng.Grad(motion)).F
+        # one pass through the elements for both
+        self._motion_and_F = ng.CF((*(motion[i] for i in range(domain.mesh.dim)), in_3d(F, 1.0))).Compile()
+        prestressed = system.stress_free_gradient() is not None
+        self._strain = in_3d(system.deformation_gradient(), 1.0) if prestressed else None
         self._laws = {name: system.case.materials.law_of(name) for name in self._solids}
         self._resistance = {
             name: Ellipticity(law) for name, law in self._laws.items() if law.isotropic and not law.varying
@@ -38,7 +46,7 @@ class Deformation(OnAllRanks):
             name: model for name, model in at_rest.items() if isinstance(model, Fibred) and not self._laws[name].varying
         }
         self._in_all = {name: EllipticityInAllDirections(model.law) for name, model in self._fibred.items()}
-        points = rules(2 * system.unknowns.order)
+        points = form_rules(system.unknowns.order)
         self._place = ng.CF((ng.x, ng.y, ng.z)[: domain.mesh.dim]) + motion
         self._lumens = domain.lumens
         self._warned: set[str] = set()
@@ -46,6 +54,8 @@ class Deformation(OnAllRanks):
         self._motion = motion
         self._known: dict[str, tuple[float, Array]] = {}
         self._known_of = np.zeros(0)
+        self._evaluated: dict[str, Array] = {}
+        self._evaluated_of = np.zeros(0)
 
     def smallest_jacobian(self, region: str) -> float:
         """Return the smallest det F of a region."""
@@ -65,7 +75,7 @@ class Deformation(OnAllRanks):
 
     @together
     def _smallest_of_all(self) -> dict[str, tuple[float, Array]]:
-        found = [self._least(name, self._points[name].values(self._J)[:, 0]) for name in self._points]
+        found = [self._least(name, determinants(self._gradients(name))) for name in self._points]
         values, places = self.system.ranks.smallest(*map(np.array, zip(*found, strict=True)))
         return {name: (float(value), place) for name, value, place in zip(self._points, values, places, strict=True)}
 
@@ -84,8 +94,22 @@ class Deformation(OnAllRanks):
     @together
     def largest_displacement(self) -> float:
         """Return the largest displacement (m) of the solids."""
-        sizes = [np.max(self._points[name].values(self._size), initial=0.0) for name in self._solids]
-        return -float(self.system.ranks.smallest(-np.array([max(sizes)]))[0][0])
+        dim = self.system.domain.mesh.dim
+        squares = [np.max(np.sum(self._values(name)[:, :dim] ** 2, axis=1), initial=0.0) for name in self._solids]
+        return -float(self.system.ranks.smallest(-np.sqrt([max(squares)]))[0][0])
+
+    def _values(self, region: str) -> Array:
+        """Return displacement (m) and F at this rank's points of a region, (n, dim + 9), computed once per state."""
+        state = self._motion.vec.FV().NumPy()
+        if not np.array_equal(state, self._evaluated_of):
+            self._evaluated, self._evaluated_of = {}, state.copy()
+        if region not in self._evaluated:
+            self._evaluated[region] = self._points[region].values(self._motion_and_F)
+        return self._evaluated[region]
+
+    def _gradients(self, region: str) -> Array:
+        """Return F (n, 3, 3) at this rank's points of a region."""
+        return self._values(region)[:, -9:].reshape(-1, 3, 3)
 
     def inversion(self) -> str:
         """Say in which region and where an element is turned inside out, or nothing."""
@@ -133,7 +157,7 @@ class Deformation(OnAllRanks):
     def _smallest_resistance(self, region: str) -> tuple[float, Array]:
         """Return the smallest resistance to shear bands, among each rank's extreme points, and the place (m) of it."""
         points = self._points[region]
-        F = points.values(self._strain).reshape(-1, 3, 3)
+        F = self._gradients(region) if self._strain is None else points.values(self._strain).reshape(-1, 3, 3)
         chosen, resistances = np.zeros(0, dtype=np.int64), np.zeros(0)
         if len(F):
             stretches = principal_stretches(F)

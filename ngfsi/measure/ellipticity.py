@@ -31,14 +31,18 @@ WORST = 20
 
 
 class Ellipticity:
-    """Resistance of an isotropic law to shear bands; directions n in the planes of two principal axes are tried."""
+    """Resistance of an isotropic law to shear bands; directions n in the planes of two principal axes are tried.
+
+    All moduli follow from the first and second derivatives of the energy by the principal stretches (Ogden, section
+    6.1.4); the second ones are differences of the first.
+    """
 
     def __init__(self, law: SolidLaw) -> None:
-        here = ng.CF((ng.x, 0, 0, 0, ng.y, 0, 0, 0, ng.z), dims=(3, 3))
-        self._along, self._across = ([ng.Parameter(0.0) for _ in range(3)] for _ in range(2))
-        band = ng.CF(tuple(a * n for a, n in product(self._along, self._across)), dims=(3, 3))
-        up, down = (law.variation(here + sign * DIFFERENCE * band, band) for sign in (1, -1))
-        self._second = ((up - down) / (2 * DIFFERENCE)).Compile()
+        self._beyond = [ng.Parameter(0.0) for _ in range(3)]
+        x, y, z = (at + beyond for at, beyond in zip((ng.x, ng.y, ng.z), self._beyond, strict=True))
+        here = ng.CF((x, 0, 0, 0, y, 0, 0, 0, z), dims=(3, 3))
+        axes = (ng.CF(tuple(np.diag(one).ravel().tolist()), dims=(3, 3)) for one in np.eye(3))
+        self._slopes = ng.CF(tuple(law.variation(here, axis) for axis in axes)).Compile()
         self._unit = law.shear_modulus or self._at_rest()
 
     def _at_rest(self) -> float:
@@ -48,26 +52,43 @@ class Ellipticity:
 
     def smallest(self, stretches: Array) -> Array:
         """Return the smallest eigenvalue of Q over the initial shear modulus, for principal stretches (n, 3): (n,)."""
-        points = _stretches_as_points()(*np.clip(stretches, 0.0, LARGEST).T)
-        found = [self._in_direction(points, plane, angle) for plane, angle in product(PLANES, ANGLES)]
+        stretches = np.clip(stretches, 0.0, LARGEST)
+        points = _stretches_as_points()(*stretches.T)
+        first = self._at(points, np.zeros(3))
+        second = np.stack([(self._at(points, step) - self._at(points, -step)) / (2 * DIFFERENCE)
+                           for step in DIFFERENCE * np.eye(3)], axis=2)  # fmt: skip
+        same, mixed = _shear_moduli(stretches, first, second)
+        found = [_in_direction(second, same, mixed, plane, angle) for plane, angle in product(PLANES, ANGLES)]
         return np.asarray(np.min(found, axis=0)) / self._unit
 
-    def _in_direction(self, points: Any, plane: tuple[int, int, int], angle: float) -> Array:
-        """Return the smallest eigenvalue (n,) of Q(n), n in the plane of the first two axes: two in it, one across."""
-        i, j, k = plane
-        self._set(self._across, {i: np.cos(angle), j: np.sin(angle)})
-        first, second, across, both = (self._at(points, axes) for axes in ((i,), (j,), (k,), (i, j)))
-        mean, half, mixed = (first + second) / 2, (first - second) / 2, (both - first - second) / 2
-        return np.minimum(across, mean - np.hypot(half, mixed))
+    def _at(self, points: Any, beyond: Array) -> Array:
+        """Return the derivatives (n, 3) of the energy by the principal stretches, at a distance from the points."""
+        for parameter, value in zip(self._beyond, beyond.tolist(), strict=True):
+            parameter.Set(value)
+        return np.asarray(self._slopes(points)).reshape(-1, 3)
 
-    def _at(self, points: Any, axes: tuple[int, ...]) -> Array:
-        self._set(self._along, dict.fromkeys(axes, 1.0))
-        return np.ravel(self._second(points))
 
-    @staticmethod
-    def _set(vector: list[ng.Parameter], entries: dict[int, float]) -> None:
-        for axis, parameter in enumerate(vector):
-            parameter.Set(entries.get(axis, 0.0))
+def _shear_moduli(stretches: Array, first: Array, second: Array) -> tuple[Array, Array]:
+    """Return the moduli A_ijij and A_ijji (n, 3, 3) of an energy with these derivatives by the principal stretches; on
+    the diagonals nothing."""
+    gap = stretches[:, :, None] - stretches[:, None]
+    slopes = first[:, :, None] - first[:, None]
+    own = np.diagonal(second, axis1=1, axis2=2)
+    limit = (own[:, :, None] + own[:, None]) / 2 - second
+    close = np.abs(gap) < DIFFERENCE
+    turning = np.where(close, limit, slopes / np.where(close, 1.0, gap))
+    total = np.maximum(stretches[:, :, None] + stretches[:, None], DIFFERENCE)
+    drawing = (first[:, :, None] + first[:, None]) / total
+    return (turning + drawing) / 2, (turning - drawing) / 2
+
+
+def _in_direction(second: Array, same: Array, mixed: Array, plane: tuple[int, int, int], angle: float) -> Array:
+    """Return the smallest eigenvalue (n,) of Q(n), n in the plane of the first two axes: two in it, one across."""
+    i, j, k = plane
+    c, s = np.cos(angle), np.sin(angle)
+    first, last = second[:, i, i] * c**2 + same[:, i, j] * s**2, same[:, i, j] * c**2 + second[:, j, j] * s**2
+    between, across = (second[:, i, j] + mixed[:, i, j]) * c * s, same[:, k, i] * c**2 + same[:, k, j] * s**2
+    return np.asarray(np.minimum(across, (first + last) / 2 - np.hypot((first - last) / 2, between)))
 
 
 class EllipticityInAllDirections:
@@ -133,6 +154,14 @@ def extreme(stretches: Array) -> Numbers:
     orders = (stretches[:, 0], -stretches[:, 2], np.prod(stretches, axis=1))
     last = min(WORST, len(stretches)) - 1
     return np.unique(np.concatenate([np.argpartition(order, last)[: last + 1] for order in orders]))
+
+
+def determinants(F: Array) -> Array:
+    """Return the determinants (n,) of tensors (n, 3, 3); NumPy's own function takes ten times as long."""
+    f = F.reshape(-1, 9).T
+    found: Array = f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6])
+    found += f[2] * (f[3] * f[7] - f[4] * f[6])
+    return found
 
 
 def principal_stretches(F: Array) -> Array:

@@ -19,7 +19,7 @@ from ngfsi.measure.points import Points
 from ngfsi.measure.scalars import Scalars
 from ngfsi.measure.sections import STATIONS
 from ngfsi.measure.transmural import Side
-from ngfsi.measure.wall import INTEGRATE, ShearStatistics, Wall
+from ngfsi.measure.wall import CONSISTENT, INTEGRATE, METHOD, ShearStatistics, Wall
 from ngfsi.mesh.centreline import Centreline, find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
@@ -115,8 +115,8 @@ class VesselProbe(OnAllRanks):
             self._layers.refresh()
         for branch in self.branches.values():
             branch.refresh(self.wall.field)
-        low_shear = self.system.case.output.low_shear
-        return self.wall.statistics(low_shear), self.wall.statistics(method="consistent")
+        low = self.system.case.output.low_shear
+        return self.wall.statistics(low, METHOD), self.wall.statistics(low, CONSISTENT)
 
     def summary(self) -> dict[str, Any]:
         """Return what readers of the run must know of the vessel, for the manifest."""

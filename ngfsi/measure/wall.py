@@ -23,7 +23,7 @@ from ngfsi.measure.points import Points, joined
 from ngfsi.mesh.centreline import Centreline, direction, find_centrelines
 from ngfsi.mesh.geometry import Vessel
 from ngfsi.physics import terms
-from ngfsi.physics.fields import MOTION, VELOCITY
+from ngfsi.physics.fields import MOTION
 from ngfsi.physics.integrals import rules
 from ngfsi.physics.kinematics import Kinematics
 from ngfsi.system.forms import linear_form
@@ -35,6 +35,7 @@ from ngfsi.system.unknowns import same_functions
 Method = Literal["gradient", "consistent"]
 
 METHOD: Method = "gradient"
+CONSISTENT: Method = "consistent"
 INTEGRATE = 5
 """Order of NGSolve's `Integrate` for a sum of integrals."""
 
@@ -95,9 +96,8 @@ class Wall(OnAllRanks):
         fluid = str(vessel.lumen)
         space = ng.VectorH1(domain.mesh, order=order, definedon=fluid)
         self._motion, self._velocity = ng.GridFunction(space), ng.GridFunction(space)
-        motion, velocity = system.unknowns.space.components[:2]
-        self._in_motion = same_functions(domain, space, motion, fluid)
-        self._in_velocity = same_functions(domain, space, velocity, fluid)
+        self._in_motion = same_functions(domain, space, system.unknowns.space.components[0], fluid)
+        self._in_velocity = system.unknowns.partner[self._in_motion]
         self._region = domain.boundaries(vessel.interface)
         k = Kinematics(ng.BoundaryFromVolumeCF(ng.Grad(self._motion)))
         stress = terms.viscous_stress(system.blood, k, ng.BoundaryFromVolumeCF(ng.Grad(self._velocity)))
@@ -114,12 +114,12 @@ class Wall(OnAllRanks):
         }
         self.shear = self.shears[METHOD]
         self._threshold = ng.Parameter(0.0)
-        self._magnitudes: dict[Method, tuple[Any, Any]] = {}
-        """Of each method the magnitude, and what is integrated: stretch, magnitude, and where that is low."""
-        for method, shear in self.shears.items():
-            magnitude = ng.Norm(shear)
-            low = ng.IfPos(self._threshold - magnitude, stretch, 0.0)
-            self._magnitudes[method] = magnitude.Compile(), ng.CF((stretch, magnitude * stretch, low)).Compile()
+        sizes = [ng.Norm(shear) for shear in self.shears.values()]
+        lows = [ng.IfPos(self._threshold - size, stretch, 0.0) for size in sizes]
+        self._sizes = ng.CF(tuple(sizes)).Compile()
+        self._integrands = ng.CF((stretch, *(size * stretch for size in sizes), *lows)).Compile()
+        self._statistics: dict[tuple[float, Method], ShearStatistics] = {}
+        """Of the present state, by threshold: what all methods need is evaluated once."""
         self._shear = self._projection.work_of(self.shear)
         self.field = ng.GridFunction(self._projection.space)
         """The wall shear stress (Pa) as a continuous field, which can be evaluated at any point of the interface."""
@@ -134,13 +134,13 @@ class Wall(OnAllRanks):
         """Take the system's present state."""
         system = self.system
         state, history = system.named(system.state), system.named(system.velocity_history)
-        parts = (state[MOTION], state[VELOCITY], history[MOTION])
-        m, w, rates = (np.asarray(part.vec.FV().NumPy()) for part in parts)
+        m, rates = (np.asarray(part[MOTION].vec.FV().NumPy()) for part in (state, history))
         moved, flowing = self._in_motion >= 0, self._in_velocity >= 0
         motion, velocity = (np.asarray(field.vec.FV().NumPy()) for field in (self._motion, self._velocity))
         motion[moved] = m[self._in_motion[moved]]
         velocity[moved] = system.new_weight.Get() * motion[moved] + rates[self._in_motion[moved]]
-        velocity[flowing] += w[self._in_velocity[flowing]]
+        velocity[flowing] += system.values[self._in_velocity[flowing]]
+        self._statistics.clear()
         self._projection.refresh()
         self._traction.refresh()
         self._shear.Assemble()
@@ -150,15 +150,19 @@ class Wall(OnAllRanks):
     def statistics(self, threshold: float = 0.0, method: Method = METHOD) -> ShearStatistics:
         """Return mean and extremes of the wall shear stress's magnitude, and the fraction of the area below `threshold`
         (Pa)."""
-        magnitude, integrands = self._magnitudes[method]
-        self._threshold.Set(threshold)
-        sums = self._points.integrals(integrands)
-        self.system.ranks.add(sums)
-        area, sum_, low = map(float, sums)
-        values = self._at_extremes.values(magnitude)
-        extremes = np.array([np.min(values, initial=np.inf), -np.max(values, initial=0.0)])
-        smallest, largest = self.system.ranks.smallest(extremes)[0]
-        return ShearStatistics(sum_ / area, float(smallest), -float(largest), low / area)
+        if (threshold, method) not in self._statistics:
+            self._threshold.Set(threshold)
+            sums = self._points.integrals(self._integrands)
+            self.system.ranks.add(sums)
+            area, *parts = map(float, sums)
+            values, count = self._at_extremes.values(self._sizes), len(self.shears)
+            extremes = np.concatenate([np.min(values, axis=0, initial=np.inf), -np.max(values, axis=0, initial=0.0)])
+            extremes = self.system.ranks.smallest(extremes)[0]
+            found = zip(self.shears, parts[:count], parts[count:], extremes[:count], -extremes[count:], strict=True)
+            for name, sum_, low, smallest, largest in found:
+                shear = ShearStatistics(sum_ / area, float(smallest), float(largest), low / area)
+                self._statistics[threshold, name] = shear
+        return self._statistics[threshold, method]
 
     def integral(self, integrand: Any) -> float:
         """Return the integral over the deformed wall of a field on it."""

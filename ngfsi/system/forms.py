@@ -15,6 +15,7 @@ import numpy as np
 from ngfsi.arrays import Array, Numbers
 from ngfsi.physics.integrals import Integral
 from ngfsi.system.sparse import csr, pattern, ranges
+from ngfsi.system.unknowns import Within
 
 
 def residual_form(space: Any, parts: Sequence[Integral]) -> ng.BilinearForm:
@@ -56,6 +57,81 @@ def tangent_form(space: Any, parts: Sequence[Integral], *, condense: bool = Fals
         for integrand in integrands:
             form += integrand.Compile() * measure
     return form
+
+
+class Part:
+    """A residual form on a space of its own, of some of the fields on some regions.
+
+    NGSolve passes through elements of order 2 in up to a third less time than if they had all unknowns.
+    """
+
+    def __init__(self, where: Within, integrals: Sequence[Integral]) -> None:
+        self._form = residual_form(where.space, integrals)
+        self._state, self._residual = (ng.GridFunction(where.space).vec for _ in range(2))
+        self._here, self._there = np.concatenate(where.here), np.concatenate(where.there)
+
+    def take(self, values: Array) -> Array:
+        """Take the values of all unknowns; return those of the own ones."""
+        own = np.asarray(self._state.FV().NumPy())
+        own[self._here] = values[self._there]
+        return own
+
+    def add(self, values: Array, residual: Array) -> None:
+        """Add the residual at the values of all unknowns."""
+        self.take(values)
+        self._form.Apply(self._state, self._residual)
+        residual[self._there] += self._residual.FV().NumPy()[self._here]
+
+
+class PartOfBlood(Part):
+    """That of the blood, whose velocity and acceleration are fields of the space, too.
+
+    At integration points the sums that rates are would take a fifth of the time.
+    """
+
+    def __init__(
+        self,
+        where: Within,
+        integrals: Sequence[Integral],
+        new: Any,
+        velocity_history: Array,
+        acceleration_history: Array,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            where: with motion, relative velocity and pressure, and for two more vectors.
+            new: weight of the new state in the rates.
+            velocity_history, acceleration_history: of all unknowns.
+        """
+        super().__init__(where, integrals)
+        self._new, self._histories = new, (velocity_history, acceleration_history)
+        self._parts = [slice(where.space.Range(i).start, where.space.Range(i).stop) for i in (3, 4)]
+        (m, w, _), self._moved, self._flowing = where.here, where.there[0], where.there[1]
+        self._of_motion, self._of_velocity = m, w - where.space.Range(1).start
+
+    def take(self, values: Array) -> Array:
+        own, new = super().take(values), self._new.Get()
+        of_velocity, of_acceleration = self._histories
+        u, a = (own[part] for part in self._parts)
+        u[self._of_motion] = new * values[self._moved] + of_velocity[self._moved]
+        u[self._of_velocity] += values[self._flowing]
+        a[self._of_motion] = new * u[self._of_motion] + of_acceleration[self._moved]
+        a[self._of_velocity] += of_velocity[self._flowing]
+        return own
+
+
+class WithParts:
+    """A residual form to which parts are added."""
+
+    def __init__(self, form: ng.BilinearForm, parts: Sequence[Part]) -> None:
+        self.space, self._form, self._parts = form.space, form, parts
+
+    def Apply(self, state: Any, residual: Any) -> None:
+        """Write the residual at `state`."""
+        self._form.Apply(state, residual)
+        for part in self._parts:
+            part.add(state.FV().NumPy(), residual.FV().NumPy())
 
 
 class WithInertia:

@@ -29,7 +29,7 @@ from ngfsi.physics.fields import MOTION, PRESSURE, STRETCH, VELOCITY, Fields, Na
 from ngfsi.physics.integrals import Integral, form_rules, reduced_rules, rules
 from ngfsi.physics.kinematics import Kinematics, in_3d
 from ngfsi.system.conditions import conditions_of, references_of
-from ngfsi.system.forms import WithInertia, WithoutRows, residual_form, tangent_form
+from ngfsi.system.forms import Part, PartOfBlood, WithInertia, WithoutRows, WithParts, residual_form, tangent_form
 from ngfsi.system.schemes import STEADY, Weights
 from ngfsi.system.unknowns import Unknowns
 
@@ -183,11 +183,42 @@ class System:
         return any(condition.excludes_blood() for condition in self.conditions.values())
 
     def _residual_form(self, space: Any) -> Any:
-        residual: Any = residual_form(space, self.integrals())
+        parts, left = list[Part](), list(self.conditions.values())
+        if self.domain.lumens:
+            part, left = self._blood_part(self._elements)
+            parts.append(part)
+        acting = [one for condition in left for one in condition.integrals(self._elements)]
+        if self.case.conditions.plane_stress:
+            acting += self.works(self._trial)
+        elif self.solids:
+            parts.append(self._solids_part())
+        residual: Any = WithParts(residual_form(space, acting), parts)
         if self._one_way:
-            part = residual_form(space, self.blood_integrals(self._elements))
-            residual = WithoutRows(residual, part, self.unknowns.blocks["d"])
+            blood = residual_form(space, self.blood_integrals(self._elements))
+            residual = WithoutRows(residual, blood, self.unknowns.blocks["d"])
         return self._with_inertia(residual)
+
+    def _solids_part(self) -> Part:
+        """Return the residual of the solids' stresses."""
+        where = self.unknowns.within(self.domain, list(self.solids), (MOTION,))
+        trial, test = where.space.TnT()
+        return Part(where, self.works({MOTION: trial}, {MOTION: test}))
+
+    def _blood_part(self, elements: ng.BitArray | None) -> tuple[Part, list[Condition]]:
+        """Return the residual of the blood, on some elements or all, with what conditions add to it, and the conditions
+        that need more."""
+        where = self.unknowns.within(self.domain, self.domain.lumens, (MOTION, VELOCITY, PRESSURE), vectors=2)
+        (m, w, p, u, a), (v, v_mesh, q, *_) = where.space.TnT()
+        fields = Fields(m, ng.Grad(m), ng.Grad(u) - ng.Grad(w), w, u, ng.Grad(u), acceleration=a, pressure=p)
+        test = {MOTION: v, VELOCITY: v_mesh, PRESSURE: q}
+        found, left = self._blood_inside(fields, test, elements), []
+        for condition in self.conditions.values():
+            terms_of = condition.integrals_of(fields, test, elements)
+            if terms_of is None:
+                left.append(condition)
+            found += terms_of or []
+        histories = (np.asarray(field.vec.FV().NumPy()) for field in (self.velocity_history, self.acceleration_history))
+        return PartOfBlood(where, found, self.new_weight, *histories), left
 
     def _tangent_form(self, space: Any) -> Any:
         thins, one_way = bool(self.domain.lumens) and not self.blood.newtonian, self._one_way
@@ -235,7 +266,7 @@ class System:
         """G = dX/dX0 where the reference shape is prestressed: inverse of I + grad(X0 - X)."""
         return None if self.relaxation is None else Inv(Kinematics(ng.Grad(self.relaxation)).F)
 
-    def blood_form(self, vessel: Vessel | None = None) -> ng.BilinearForm:
+    def blood_form(self, vessel: Vessel | None = None) -> WithParts:
         """Return the residual of the blood alone: what it lacks at a boundary is the force on that boundary.
 
         Args:
@@ -246,7 +277,9 @@ class System:
             near = elements_at(self.domain, str(vessel.lumen), vessel.interface)
             if self._elements is not None:
                 near &= self._elements
-        return residual_form(self.unknowns.space, self.blood_integrals(near))
+        part, left = self._blood_part(near)
+        acting = [one for condition in left for one in condition.blood_integrals(near)]
+        return WithParts(residual_form(self.unknowns.space, acting), [part])
 
     def integrals(self, *, linearised: bool = False) -> list[Integral]:
         """Return the integrals of the weak form but the solids' inertia, on this rank's elements.
@@ -254,19 +287,25 @@ class System:
         Args:
             linearised: for the tangent, in which the viscosity of blood that thins has half of its derivative.
         """
-        elements = self._elements
-        acting = [i for condition in self.conditions.values() for i in condition.integrals(elements)]
-        return [*self.works(self._trial), *acting, *self._blood_inside(elements, linearised)]
+        acting = [one for condition in self.conditions.values() for one in condition.integrals(self._elements)]
+        found = [*self.works(self._trial), *acting]
+        if self.domain.lumens:
+            found += self._blood_inside(self.fields(self._trial), self._test, self._elements, linearised)
+        return found
 
-    def works(self, fields: Named) -> list[Integral]:
-        """Return the virtual work of the solids' stresses, of trial functions or the present state by name."""
+    def works(self, fields: Named, test: Named | None = None) -> list[Integral]:
+        """Return the virtual work of the solids' stresses, of trial functions or the present state by name.
+
+        Args:
+            test: test functions by name; default: the system's.
+        """
+        test = self._test if test is None else test
         F, relaxation, found = Kinematics(ng.Grad(fields[MOTION])).F, self.stress_free_gradient(), []
         for name in self.solids:
             # the stretch across the plane and its variation
             stressed = name in self.case.conditions.plane_stress
-            across = (1 + fields[STRETCH], self._test[STRETCH]) if stressed else (1, 0)
-            grad_v = ng.Grad(self._test[MOTION])
-            found += self.work_integrals(name, F, grad_v, relaxation, across, self._elements)
+            across = (1 + fields[STRETCH], test[STRETCH]) if stressed else (1, 0)
+            found += self.work_integrals(name, F, ng.Grad(test[MOTION]), relaxation, across, self._elements)
         return found
 
     def _rules(self, beyond: int = 0) -> dict[Any, ng.IntegrationRule]:
@@ -331,20 +370,21 @@ class System:
     def blood_integrals(self, elements: ng.BitArray | None = None, *, linearised: bool = False) -> list[Integral]:
         """Return the integrals of the blood, the mesh motion and what acts on the blood, on some elements or all."""
         acting = [i for condition in self.conditions.values() for i in condition.blood_integrals(elements)]
-        return [*self._blood_inside(elements, linearised), *acting]
-
-    def _blood_inside(self, elements: ng.BitArray | None, linearised: bool = False) -> list[Integral]:
         if not self.domain.lumens:
-            return []
-        f = self.fields(self._trial)
+            return acting
+        return [*self._blood_inside(self.fields(self._trial), self._test, elements, linearised), *acting]
+
+    def _blood_inside(
+        self, f: Fields, test: Named, elements: ng.BitArray | None, linearised: bool = False
+    ) -> list[Integral]:
         k = Kinematics(f.grad_motion)
         # which unknown's equation that makes: see Unknowns.equations
-        v, v_mesh = self._test[MOTION], self._test[VELOCITY]
+        v, v_mesh = test[MOTION], test[VELOCITY]
         held = self.viscosity() if linearised and not self.blood.newtonian else None
         inside = [
             terms.convective_inertia(self.blood_density, k, f.acceleration, f.grad_velocity, f.relative, v),
             terms.fluid_stress_work(self.blood, k, f.grad_velocity, f.pressure, ng.Grad(v), held),
-            terms.incompressibility(k, f.grad_velocity, self._test[PRESSURE]),
+            terms.incompressibility(k, f.grad_velocity, test[PRESSURE]),
         ]
         if not any(condition.moves_mesh() for condition in self.conditions.values()):
             inside.append(self._extension(k, f.grad_motion, ng.Grad(v_mesh)))

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import ngsolve as ng
 import numpy as np
@@ -30,6 +30,19 @@ BLOCKS = ("d", "w", "p", "e")
 NAMES = {"d": "displacement of the solids", "w": "velocity", "p": "blood pressure", "e": "mesh motion",
          "s": "stretch across the plane"}  # fmt: skip
 """What blocks are, for sentences; a condition's own number is called by its name."""
+
+
+class Within(NamedTuple):
+    """A space of some of the fields on some regions.
+
+    Attributes:
+        here, there: of each field numbers of its functions, and those of the same among the unknowns; others are held
+            at zero.
+    """
+
+    space: Any
+    here: list[Numbers]
+    there: list[Numbers]
 
 
 @dataclass(frozen=True)
@@ -105,7 +118,8 @@ class Unknowns:
         equations = np.arange(space.ndof)
         on_opening, less, follows = {}, (none, none), bool(lumens)
         if lumens:
-            inner = same_functions(domain, space.components[1], space.components[0], *lumens)
+            # `Compress` keeps the order of the functions, and takes ten times as long to be asked for them
+            inner = same_functions(domain, velocity, space.components[0], *lumens)[_mask(inside)]
             if np.any(inner < 0):
                 raise RuntimeError("the space of the relative velocity has functions that the mesh motion lacks")
             blocks = {"d": np.delete(place[MOTION], inner), "w": place[VELOCITY], "p": place[PRESSURE],
@@ -156,6 +170,39 @@ class Unknowns:
     def named(self, components: Sequence[Any]) -> dict[str, Any]:
         """Return components of the space, or of a grid function or proxies of it, by the names of the fields."""
         return dict(zip(self.fields, components, strict=True))
+
+    @property
+    def partner(self) -> Numbers:
+        """The unknown of the relative velocity with the function of each one of the motion, or -1; the last is of what
+        is none."""
+        found = np.full(self.size + 1, -1)
+        found[self.blocks["e"]] = self.equations[self.blocks["e"]]
+        return found
+
+    def within(self, domain: Domain, regions: Sequence[str], fields: Sequence[str], vectors: int = 0) -> Within:
+        """Return a space of fields on regions alone, of the same functions there.
+
+        Args:
+            fields: the motion first; the pressure only on all lumens.
+            vectors: number of further components, each like the motion.
+        """
+        spaces = []
+        for name in [*fields, *vectors * [MOTION]]:
+            make, order = (ng.H1, self.order - 1) if name == PRESSURE else (ng.VectorH1, self.order)
+            spaces.append(make(domain.mesh, order=order, definedon=domain.materials(*regions)))
+        here, there = [], []
+        moved = same_functions(domain, spaces[0], self.space.components[0], *regions)
+        for i, name in enumerate(fields):
+            if name == PRESSURE:  # of all functions there are, in their order
+                used = np.flatnonzero(_mask(spaces[i].GetDofs(domain.materials(*regions))))
+                numbers = self.blocks["p"]
+            else:
+                same = moved if name == MOTION else self.partner[moved]
+                used = np.flatnonzero((moved >= 0) & (same >= 0))
+                numbers = same[used]
+            here.append(sum(one.ndof for one in spaces[:i]) + used)
+            there.append(numbers)
+        return Within(ng.FESpace(spaces) if len(spaces) > 1 else spaces[0], here, there)
 
     def free(self, *names: str) -> Mask:
         """Mask of the unknowns to be solved for, of the named blocks or of all."""

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from ngfsi.config.functions import FlowConstant, PressureConstant
 from ngfsi.linear.backends import choose_backend
 from ngfsi.physics import terms
+from ngfsi.physics.fields import MOTION
 from ngfsi.solve.initial import initial_state
 from ngfsi.solve.newton import Newton
+from ngfsi.system.forms import residual_form
 from ngfsi.system.system import System
 from ngfsi.system.unknowns import BLOCKS
 from tests.slopes import apply, difference
@@ -57,6 +59,17 @@ def test_jacobian_by_differences(lively: System, column: str) -> None:
         a, b = rows(lively, row, exact), rows(lively, row, measured)
         assert np.linalg.norm(a - b) <= 1e-7 * np.linalg.norm(a), (row, column)
         assert (not np.any(a)) == ((row, column) in INDEPENDENT), (row, column)
+
+
+def test_the_residual_is_that_of_its_integrals(lively: System) -> None:
+    """Parts in spaces of their own, with rates as vectors and inertia as a matrix, sum up to the integrals of the
+    unknowns, which the tangent differentiates."""
+    inertia = lively.inertia_integrals(lively._acceleration, lively._test[MOTION])
+    whole = residual_form(lively.unknowns.space, [*lively.integrals(), *inertia])
+    ours, exact = (apply(form, lively.state.vec, lively.values) for form in (lively.form, whole))
+    for name in BLOCKS:
+        part = lively.unknowns.blocks[name]
+        assert np.linalg.norm(ours[part] - exact[part]) < 1e-12 * np.linalg.norm(exact[part]), name
 
 
 def test_differences_notice_a_wrong_derivative(lively: System) -> None:

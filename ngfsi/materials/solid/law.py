@@ -230,17 +230,40 @@ class Invariants(NamedTuple):
     I2: CoefficientFunction
     J: CoefficientFunction
 
-    @classmethod
-    def of(cls, F: CoefficientFunction) -> Invariants:
-        """Return those of F, each a variable of its own, so that an energy can be differentiated by them."""
-        C = right_cauchy_green(F)
-        parts = (Trace(C), (Trace(C) ** 2 - InnerProduct(C, C)) / 2, Det(F))
-        return cls(*(part.MakeVariable() for part in parts))
+    @property
+    def shrink(self) -> CoefficientFunction:
+        """J^(-1/3)."""
+        return self.J ** (-1 / 3)
 
     @property
     def isochoric(self) -> tuple[CoefficientFunction, CoefficientFunction]:
         """I1 and I2 of the volume-preserving part J^(-1/3) F: both are 3 at rest and blind to dilation."""
-        return self.J ** (-2 / 3) * self.I1, self.J ** (-4 / 3) * self.I2
+        squared = self.shrink * self.shrink
+        return squared * self.I1, squared * squared * self.I2
+
+
+class Variables(Invariants):
+    """Invariants of F, each a variable of its own, so that an energy can be differentiated by them.
+
+    So is J^(-1/3), since a power takes as long as all else: of the derivatives by J, too, there is one.
+    """
+
+    shrink: CoefficientFunction = None
+
+    @classmethod
+    def of(cls, F: CoefficientFunction) -> Self:
+        """Return those of F (3x3)."""
+        C = right_cauchy_green(F)
+        parts = (Trace(C), (Trace(C) ** 2 - InnerProduct(C, C)) / 2, Det(F))
+        found = cls(*(part.MakeVariable() for part in parts))
+        # not of the variable J, by which it would be differentiated then
+        found.shrink = (Det(F) ** (-1 / 3)).MakeVariable()
+        return found
+
+    def slopes(self, W: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction, CoefficientFunction]:
+        """Return the derivatives of an energy by the three invariants."""
+        W1, W2, WJ = (W.Diff(invariant) for invariant in self)
+        return W1, W2, WJ - W.Diff(self.shrink) * self.shrink / (3 * self.J)
 
 
 class IsotropicLaw(SolidLaw):
@@ -258,22 +281,22 @@ class IsotropicLaw(SolidLaw):
         """Return the parts of the stored energy (J per m3 of reference volume), as of `energies`."""
 
     def energies(self, F: CoefficientFunction) -> Pair:
-        return self.energies_of(Invariants.of(F))
+        return self.energies_of(Variables.of(F))
 
     def variations(self, F: CoefficientFunction, H: CoefficientFunction) -> Pair:
-        strain = Invariants.of(F)
+        strain = Variables.of(F)
         rest, bulk = self.energies_of(strain)
         return _variation(rest, strain, F, H), _variation(bulk, strain, F, H)
 
     def variation(self, F: CoefficientFunction, H: CoefficientFunction) -> CoefficientFunction:
-        strain = Invariants.of(F)
+        strain = Variables.of(F)
         return _variation(sum(self.energies_of(strain)), strain, F, H)
 
 
 def _variation(
-    W: CoefficientFunction, strain: Invariants, F: CoefficientFunction, H: CoefficientFunction
+    W: CoefficientFunction, strain: Variables, F: CoefficientFunction, H: CoefficientFunction
 ) -> CoefficientFunction:
     """Return P : H with P = 2 (W_1 + W_2 I1) F - 2 W_2 F C + W_J cof F."""
-    W1, W2, WJ = (W.Diff(invariant) for invariant in strain)
+    W1, W2, WJ = strain.slopes(W)
     stress = 2 * (W1 + W2 * strain.I1) * F - 2 * W2 * (F * right_cauchy_green(F)) + WJ * Cof(F)
     return InnerProduct(stress, H)
