@@ -212,6 +212,9 @@ Stops.request = lambda self: next(asked)
     ended = mpirun(3, "resume", str(tmp_path / "run"))
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr.count("100%") == 1  # rank 0 alone shows progress
+    work = [one["cpu_s"] for one in open_run(tmp_path / "run").manifest["work_of_ranks"]]
+    assert len(work) == 3
+    assert all(min(one[kind] for kind in ("residuals", "solves", "measures", "output")) > 0 for one in work)
     assert_same(tmp_path / "run", serial)
 
 

@@ -203,7 +203,7 @@ class Computation:
         with self.watch("initial state"):
             if self.start is None:
                 self._factorisations += initial_state(system, newton, self.folder.log)
-        with self.watch("measures"):
+        with self.watch("set-up"):
             probe, fields = shared_measures(system)
             self._note(system, probe)
         shape = probe.deformation

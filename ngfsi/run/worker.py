@@ -136,7 +136,7 @@ class Worker:
 
     def measures(self) -> None:
         """Make what is measured and written of the system."""
-        with self._watch("measures"):
+        with self._watch("set-up"):
             shared_measures(self._system)
 
     def together(
