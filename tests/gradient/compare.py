@@ -1,9 +1,12 @@
-"""`python -m tests.gradient.compare`: the table of docs/gradients.md, of each gradient of the tests by each parameter.
+"""`python -m tests.gradient.compare [CASE ...]`: the table of docs/gradients.md, of each gradient of the tests, or of
+some, by each parameter.
 
 Differences of whole runs are those of four runs, to fourth order.
 """
 
 from __future__ import annotations
+
+import sys
 
 from ngfsi.report.tables import markdown_table
 from tests.gradient.test_gradient import CASES, gradient, moved, value
@@ -14,7 +17,8 @@ FAR = 100
 
 def main() -> None:
     """Print the table."""
-    for name, (case, quantity, window, by) in CASES.items():
+    for name in sys.argv[1:] or CASES:
+        case, quantity, window, by = CASES[name]
         found, rows = gradient(case, quantity, window, by), []
         for one in found.parameters:
             step = FAR * one.step

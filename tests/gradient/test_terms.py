@@ -1,4 +1,4 @@
-"""Taylor's test for every law of solids, opening and condition that is registered, and reciprocity of loads."""
+"""Taylor's test for each law of solids and fluids, opening and condition that is registered; reciprocity of loads."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 from netgen.occ import Circle, Face, Glue, OCCGeometry, Pnt, Wire, Z
 from ngfsi_geometry.channel import PlaneMesh
+from ngfsi_geometry.lofted import LoftedMesh, LoftedVein
 
 from ngfsi import registry
 from ngfsi.case import Case, Materials
+from ngfsi.config.functions import FlowConstant
 from ngfsi.gradient.window import Window
+from ngfsi.materials import load_set
 from ngfsi.solve.statics import section_case
+from tests.geometry.test_lofted import ellipse
 from tests.gradient.test_gradient import VEIN, gradient, moved, value
 from tests.materials.test_varying import EXAMPLES
-from tests.solve import test_statics
+from tests.solve import test_rigid, test_statics
 
 AT_REST: dict[str, Any] = {"time.scheme": "static", "time.step": 0.1, "time.end": 0.1}
 RING = test_statics.case_of("tibia", skin=500.0).replace(
@@ -33,6 +37,13 @@ OPENINGS: dict[str, tuple[str, dict[str, Any]]] = {
     "windkessel": ("outlet", {"resistance_mmHg_s_ml": 0.75, "distal_resistance_mmHg_s_ml": 1.5,
                               "compliance_ml_mmHg": 0.1, "distal_pressure": CURVE}),
 }  # fmt: skip
+FLUIDS = {"newtonian": "blood", "carreau_yasuda": "blood_carreau_yasuda", "cross": "blood_cross",
+          "casson": "blood_casson", "quemada": "blood_quemada"}  # fmt: skip
+PIPE = LoftedVein(
+    outlines=(ellipse(2e-3, 1.5e-3),) * 5, heights=(0.0, 1e-3, 2e-3, 3e-3, 4e-3), inlet_diameters=1.0,
+    mesh=LoftedMesh(around=8, layers=1, inlet_layers=1, lumen_radii=(0.6,), curving_order=2),
+)  # fmt: skip
+"""Of 32 elements, oval and rigid: with walls that move a law of blood that thins takes ten times as long."""
 CONDITIONS: dict[str, dict[str, Any]] = {
     "body_force": {"acceleration": [3.0, 5.0, 0.0]},
     "displacement": {"boundaries": ["skin"], "displacement": [0.0, 1e-4, 0.0]},
@@ -50,6 +61,10 @@ def changes() -> dict[str, tuple[Case, str, str]]:
         RING.replace(**{"materials.tissue": {"law": name, **given}}), "skin_area",
         f"materials.tissue.{moduli[name][0]},materials.tissue.{moduli[name][-1]}",
     ) for name, given in examples.items()}  # fmt: skip
+    fluid = {f"fluid {name}": (
+        test_rigid.case_of(PIPE, FlowConstant(value=1e-7)).replace(**{"materials.fluid": load_set(given)}),
+        "pressure_inlet", "materials.fluid",
+    ) for name, given in FLUIDS.items()}  # fmt: skip
     opening = {f"opening {name}": (
         SEGMENT.replace(**{"loads.openings": {where: {"kind": name, **given}}}), "lumen_volume",
         f"loads.openings.{where}" if given else "loads.inlet_flow",
@@ -57,11 +72,11 @@ def changes() -> dict[str, tuple[Case, str, str]]:
     condition = {f"condition {name}": (
         SEGMENT.replace(**{"loads.further": ({"kind": name, **given},)}), "lumen_volume", "loads.further"
     ) for name, given in CONDITIONS.items()}  # fmt: skip
-    return solid | opening | condition
+    return solid | fluid | opening | condition
 
 
 @pytest.mark.parametrize(("group", "known"), [
-    ("solid_laws", EXAMPLES), ("openings", OPENINGS), ("conditions", CONDITIONS),
+    ("solid_laws", EXAMPLES), ("fluid_laws", FLUIDS), ("openings", OPENINGS), ("conditions", CONDITIONS),
 ])  # fmt: skip
 def test_all_that_is_registered_is_here(group: str, known: dict[str, Any]) -> None:
     own = {entry.name for entry in registry.installed(f"ngfsi.{group}")}
