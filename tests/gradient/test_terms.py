@@ -13,6 +13,7 @@ from ngfsi_geometry.lofted import LoftedMesh, LoftedVein
 from ngfsi import registry
 from ngfsi.case import Case, Materials
 from ngfsi.config.functions import FlowConstant
+from ngfsi.gradient.parameters import Parameter, parameters_of
 from ngfsi.gradient.window import Window
 from ngfsi.materials import load_set
 from ngfsi.solve.statics import section_case
@@ -51,6 +52,11 @@ CONDITIONS: dict[str, dict[str, Any]] = {
 }
 
 
+def ends(all_of_them: list[Parameter]) -> list[Parameter]:
+    """Return the first and the last, or the only one."""
+    return all_of_them[:: max(len(all_of_them) - 1, 1)]
+
+
 def changes() -> dict[str, tuple[Case, str, str]]:
     """Return case, quantity and parameters by what is registered: of laws the first modulus and the last, since to the
     gradient, which takes differences of the residual, numbers are alike; but fibres are slack here and taut there."""
@@ -61,9 +67,10 @@ def changes() -> dict[str, tuple[Case, str, str]]:
         RING.replace(**{"materials.tissue": {"law": name, **given}}), "skin_area",
         f"materials.tissue.{moduli[name][0]},materials.tissue.{moduli[name][-1]}",
     ) for name, given in examples.items()}  # fmt: skip
+    pipe = test_rigid.case_of(PIPE, FlowConstant(value=1e-7))
     fluid = {f"fluid {name}": (
-        test_rigid.case_of(PIPE, FlowConstant(value=1e-7)).replace(**{"materials.fluid": load_set(given)}),
-        "pressure_inlet", "materials.fluid",
+        flow := pipe.replace(**{"materials.fluid": load_set(given)}), "pressure_inlet",
+        ",".join(one.name for one in ends(parameters_of(flow, ["materials.fluid"])[1:])),  # without the density
     ) for name, given in FLUIDS.items()}  # fmt: skip
     opening = {f"opening {name}": (
         SEGMENT.replace(**{"loads.openings": {where: {"kind": name, **given}}}), "lumen_volume",

@@ -22,6 +22,12 @@ class InternalVariable:
     """
 
     def __init__(self, field: GridFunction, new: CoefficientFunction, place: Place) -> None:
+        """Prepare.
+
+        Args:
+            new: a function of fields of the same model, of `Place.F`, `before`, `rate` and `step`.
+            place: of the model.
+        """
         self.field, self.new = field, new
         space = field.space
         self._region = place.mesh.Materials(place.region)
