@@ -1,7 +1,7 @@
 """Parameters of a case from values measured over time: runs as a model of `identify.least_squares`.
 
 Slopes come from whichever takes less: one more run for each parameter, as forward differences, or one sweep of the
-adjoint for each measured value. A sweep takes as long as 1.7 runs, and in a series of states at rest touches that of
+adjoint for each measured value. A sweep takes as long as 1.4 runs, and in a series of states at rest touches that of
 its value alone: few values over time, or one at each of many pressures, and many parameters are the case for it.
 """
 
@@ -33,7 +33,7 @@ KINDS = ("change", "loss")
 TIME, PRESSURE, HEIGHT, AREA, ERROR = "time", "skin_pressure", "height", "area", "_error"
 SAME_PRESSURE = 1e-9
 """Relative difference of pressures that are one."""
-SWEEP, PARAMETER = 1.7, 0.05
+SWEEP, PARAMETER = 1.4, 0.05
 """Runs that a sweep takes over all states, and each parameter more (docs/gradients.md)."""
 FORWARD = 10
 """Step of differences of runs over that of residuals: 1e-4 of the parameter, for the runs are solved to 1e-9."""
