@@ -281,7 +281,7 @@ def gradient(
     """Compute what a result depends on.
 
     Derivatives and elasticities (percent per percent) of a quantity by any number of parameters, for the price
-    of two or three runs, by a discrete adjoint of the whole run.
+    of about two runs, by a discrete adjoint of the whole run.
 
     Example: ngfsi gradient calf.toml --of sawss_mean --window 0.5,1 --by materials.tissue,loads.inlet_flow
     """

@@ -33,7 +33,7 @@ KINDS = ("change", "loss")
 TIME, PRESSURE, HEIGHT, AREA, ERROR = "time", "skin_pressure", "height", "area", "_error"
 SAME_PRESSURE = 1e-9
 """Relative difference of pressures that are one."""
-SWEEP, PARAMETER = 1.4, 0.05
+SWEEP, PARAMETER = 1.4, 0.03
 """Runs that a sweep takes over all states, and each parameter more (docs/gradients.md)."""
 FORWARD = 10
 """Step of differences of runs over that of residuals: 1e-4 of the parameter, for the runs are solved to 1e-9."""
