@@ -171,4 +171,7 @@ def test_what_is_too_large_for_factors_is_not_factorised(monkeypatch: pytest.Mon
     system = system_of(CASE)
     monkeypatch.setattr(backends, "CROSSING", {2: 10 * system.unknowns.size, 3: 2 * system.unknowns.size})
     assert fitting_backend(system)[0] != "p_multigrid"
+    monkeypatch.setattr(backends, "CROSSING_OF_TETRAHEDRA", 1)
+    assert fitting_backend(system)[0] != "p_multigrid"
+    assert fitting_backend(system_of(CASE.replace(**{"geometry.mesh.element": "tetrahedron"})))[0] == "p_multigrid"
     assert Finer(system)._newton.factorisation.backend == "p_multigrid"

@@ -158,11 +158,14 @@ def of_double_precision(single: Name) -> Name | None:
     return next((name for name, backend in BACKENDS.items() if backend.single == single), None)
 
 
-CROSSING = {2: 660_000, 3: 270_000}
-"""Order -> unknowns from which `p_multigrid` takes less time than a direct solver (docs/solvers.md)."""
+CROSSING = {2: 450_000, 3: 270_000}
+"""Order -> unknowns from which `p_multigrid` takes less time than a direct solver with factors of single precision
+(docs/solvers.md)."""
+CROSSING_OF_TETRAHEDRA = 100_000
+"""The same of tetrahedra of any order, measured with order 2."""
 
 
-def fitting(direct: Name, unknowns: int, order: int, memory: float) -> tuple[Name, str]:
+def fitting(direct: Name, unknowns: int, order: int, memory: float, *, tetrahedra: bool = False) -> tuple[Name, str]:
     """Return the solver to take for a coupled system in one process where 'auto' is asked for, and why.
 
     Args:
@@ -170,14 +173,16 @@ def fitting(direct: Name, unknowns: int, order: int, memory: float) -> tuple[Nam
         unknowns: of the system.
         order: of its elements.
         memory: of the machine (GB).
+        tetrahedra: whether its elements are such, all of them.
     """
-    crossing = CROSSING[min(max(order, 2), 3)]
+    crossing = CROSSING_OF_TETRAHEDRA if tetrahedra else CROSSING[min(max(order, 2), 3)]
     needed = 5.3 * (unknowns / 1e5) ** 1.2  # in GB, Pardiso's runs of docs/solvers.md
+    kind = " on tetrahedra" if tetrahedra else ""
     said = f"solver.linear = 'auto' of {unknowns:,} unknowns:"
     if unknowns >= crossing:
-        return "p_multigrid", f"{said} p_multigrid, which is faster than a direct solver from {crossing:,} on"
+        return "p_multigrid", f"{said} p_multigrid, which{kind} is faster than a direct solver from {crossing:,} on"
     if needed > memory:
         return "p_multigrid", (
             f"{said} p_multigrid, as {direct} would take about {needed:.0f} GB of the {memory:.0f} GB that there are"
         )
-    return direct, f"{said} {direct}, which is faster than p_multigrid below {crossing:,}; about {needed:.1f} GB"
+    return direct, f"{said} {direct}, which{kind} is faster than p_multigrid below {crossing:,}; about {needed:.1f} GB"

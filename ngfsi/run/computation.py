@@ -145,7 +145,10 @@ def fitting_backend(system: System) -> tuple[Name, str]:
         return backend, why
     if system.solids:
         memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-        backend, why = fitting(backend, system.unknowns.size, system.case.discretisation.order, memory)
+        tetrahedra = all(element.type == ng.TET for element in system.domain.mesh.Elements())
+        backend, why = fitting(
+            backend, system.unknowns.size, system.case.discretisation.order, memory, tetrahedra=tetrahedra
+        )
     single = BACKENDS[backend].single if system.unknowns.size >= ROUNDED else None
     return single or backend, why
 

@@ -176,12 +176,13 @@ def test_values_that_are_not_finite_are_reported(backend: Name) -> None:
 def test_the_solver_fits_the_size() -> None:
     """As docs/solvers.md has it: by time, or by memory, with the reason."""
     assert fitting("pardiso", 20_000, 2, 16.0)[0] == "pardiso"
-    for unknowns, order, memory, why in (
-        (300_000, 3, 100.0, "faster than a direct solver from 270,000"),
-        (700_000, 2, 1000.0, "faster than a direct solver from 660,000"),
-        (300_000, 2, 16.0, "20 GB of the 16 GB"),
+    for unknowns, order, tetrahedra, memory, why in (
+        (300_000, 3, False, 100.0, "which is faster than a direct solver from 270,000 on"),
+        (500_000, 2, False, 1000.0, "which is faster than a direct solver from 450,000 on"),
+        (120_000, 2, True, 100.0, "which on tetrahedra is faster than a direct solver from 100,000 on"),
+        (300_000, 2, False, 16.0, "20 GB of the 16 GB"),
     ):
-        chosen, said = fitting("umfpack", unknowns, order, memory)
+        chosen, said = fitting("umfpack", unknowns, order, memory, tetrahedra=tetrahedra)
         assert chosen == "p_multigrid"
         assert why in said
         assert f"{unknowns:,}" in said
