@@ -277,11 +277,11 @@ class Computation:
         """Write a checkpoint; one that cannot be written costs no results, and the run goes on."""
         self._checkpoint_clock = perf_counter()
         facts = {"time_s": self._time, "mesh": self._mesh, "factorisations": self._factorisations}
-        arrays = loop.arrays()
-        for observer in observers:
-            arrays |= {f"{observer.name}.{key}": array for key, array in observer.state_arrays().items()}
         try:
             with self.watch("checkpoints"):
+                arrays = loop.arrays()
+                for observer in observers:
+                    arrays |= {f"{observer.name}.{key}": array for key, array in observer.state_arrays().items()}
                 self.checkpoints.write(loop.history.accepted, arrays, **facts)
         except OutputError as error:
             self.folder.log(f"t = {self._time:.6g} s: no checkpoint: {error}")

@@ -1,7 +1,8 @@
 """What ranks other than 0 do in a run: their partition of elements in residuals, linearisations, factors and measures.
 
-Every rank has the whole mesh and whole vectors of unknowns, but integrals, matrices and factors only in part; rank 0
-also has the weak form's integrals on boundaries. So a state is known everywhere, and only sums are exchanged.
+Every rank has the whole mesh and room for whole vectors of unknowns, but integrals, matrices and factors only in part;
+rank 0 also has the weak form's integrals on boundaries. It tells the others what has changed of the state, but for what
+they have found with it.
 """
 
 from __future__ import annotations
