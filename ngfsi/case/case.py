@@ -253,9 +253,9 @@ class Solver(ConfigModel):
     """when slow: a factorisation serves over iterations and steps until it converges too slowly; always: one per
     iteration, which is Newton's method as in textbooks, to compare with."""
     linear: Literal["auto", "pardiso", "pardiso_single", "umfpack", "mumps", "p_multigrid", "fieldsplit"] = "auto"
-    """auto: pardiso where MKL is installed, in large runs pardiso_single while that converges, else umfpack, and p_multigrid
-    where that is faster or these do not fit into the memory, as run.log says; mumps on several ranks. p_multigrid, and
-    on several ranks fieldsplit, iterate; `ngfsi info` says what each is."""
+    """auto: pardiso where MKL is installed, in large runs pardiso_single while that converges, else umfpack, and
+    p_multigrid where that is faster or these do not fit into the memory, as run.log says; mumps on several ranks.
+    p_multigrid, and on several ranks fieldsplit, iterate; `ngfsi info` says what each is."""
 
 
 class Output(ConfigModel):
