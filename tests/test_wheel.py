@@ -120,7 +120,7 @@ assert study is compare_tissues.study
 assert compare_tissues.case(compare_tissues.MAIN[0], compare_tissues.LEVELS["demo"]).to_toml()
 assert source.claims()["sawss_rise_percent"]["M"] == 205.0
 assert source.tables("rigid_veins")
-assert tissue_findings.numerical_errors("demo")["volume_percent"] > 0
+assert tissue_findings.numerical_errors("demo")["loss_percent"] > 0
 """
     ended_well(installed.python, "-c", code, folder=tmp_path)
 

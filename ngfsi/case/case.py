@@ -11,7 +11,7 @@ import re
 import tomllib
 from math import ceil
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 import tomli_w
 from pydantic import (
@@ -206,12 +206,14 @@ SAME_TIME = 1e-9
 
 
 MOST_STEPS = 1_000_000
+Scheme: TypeAlias = Literal["bdf2", "backward_euler", "static", "esdirk3", "sdirk4"]
+"""Names of the time schemes."""
 
 
 class TimeStepping(ConfigModel):
     """Time scheme and steps."""
 
-    scheme: Literal["bdf2", "backward_euler", "static", "esdirk3", "sdirk4"] = "bdf2"
+    scheme: Scheme = "bdf2"
     """esdirk3, sdirk4: diagonally implicit Runge-Kutta schemes of third and fourth order, in 3 and 5 stages; static: at
     each time the steady state under its loads, all rates zero."""
     step: Time = Field(gt=0)

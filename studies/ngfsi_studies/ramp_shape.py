@@ -42,7 +42,7 @@ class Level(NamedTuple):
 
 
 _DEMO, _PAPER, _FINE = (compare_tissues.LEVELS[name] for name in ("demo", "paper", "fine"))
-LEVELS = {"demo": Level(_DEMO, 0.01), "paper": Level(_PAPER, 0.01), "fine": Level(_FINE, 0.005)}
+LEVELS = {"demo": Level(_DEMO, 0.01), "paper": Level(_PAPER, _PAPER.step), "fine": Level(_FINE, _FINE.step)}
 
 
 @dataclass(frozen=True)

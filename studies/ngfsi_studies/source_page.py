@@ -25,7 +25,7 @@ from ngfsi.report.tables import markdown_table
 from ngfsi.store.disk import replace_file
 from ngfsi.units import from_si, to_si
 from ngfsi_studies import calibration, closing_vein, ramp_shape, rigid_veins
-from ngfsi_studies.compare_tissues import MAIN
+from ngfsi_studies.compare_tissues import LEVELS, MAIN
 from ngfsi_studies.flow_rate import flow_for
 from ngfsi_studies.source import everything, inferred_flow
 from ngfsi_studies.tissue_findings import SWING, Row, numerical_errors
@@ -127,6 +127,7 @@ def facts() -> dict[str, Any]:
         "inferred_flow": inferred_flow(),
         "paper": paper,
         "demo": demo,
+        "scheme": LEVELS["paper"].scheme,
         "main": [paper[key] for key in TISSUES.values()],
         "tissues": TISSUES,
         "swing_time": SWING,

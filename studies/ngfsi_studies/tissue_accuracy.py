@@ -2,10 +2,11 @@
 
     python -m ngfsi_studies.tissue_accuracy FOLDER
 
-Space and time are refined one at a time, for M with K 28.45 kPa: three meshes with the step of `demo`, and four steps
-on the mesh of `demo`; a run of one order more on that mesh checks the space. The error of a level is its distance from
-the finest run, plus that run's own error bar, and those of space and time are added. They are kept in
-accuracy.toml beside this module, and all runs in docs/accuracy.md. Runs in the folder that are finished are reused.
+Space and time are refined one at a time, for M with K 28.45 kPa: three meshes with the scheme and step of `demo`, and
+on the mesh of `demo` also three steps of the scheme of `paper`; a run of one order more on that mesh checks the space.
+The error of a level is its distance from the finest run, plus that run's own error bar, and those of space and time are
+added. They are kept in accuracy.toml beside this module, and all runs in docs/accuracy.md. Runs in the folder that are
+finished are reused.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from ngfsi_studies.tissue_findings import ACCURACY, mean_sawss
 DEMO, PAPER, FINE = (LEVELS[name] for name in ("demo", "paper", "fine"))
 RUNS = {
     "demo_mesh": DEMO,
-    "paper_mesh": PAPER._replace(step=DEMO.step, end=DEMO.end),
-    "fine_mesh": FINE._replace(step=DEMO.step, end=DEMO.end),
+    "paper_mesh": DEMO._replace(mesh=PAPER.mesh),
+    "fine_mesh": DEMO._replace(mesh=FINE.mesh),
     "order_more": DEMO._replace(order=DEMO.order + 1, mesh=DEMO.mesh.replace(curving_order=DEMO.order + 1)),
-    "double_step": DEMO._replace(step=2 * PAPER.step),
-    "paper_step": DEMO._replace(step=PAPER.step),
-    "half_step": DEMO._replace(step=PAPER.step / 2),
+    "double_step": PAPER._replace(mesh=DEMO.mesh, end=DEMO.end, step=2 * PAPER.step),
+    "paper_step": PAPER._replace(mesh=DEMO.mesh, end=DEMO.end),
+    "half_step": PAPER._replace(mesh=DEMO.mesh, end=DEMO.end, step=PAPER.step / 2),
 }
 SPACE, TIME = ("demo_mesh", "paper_mesh", "fine_mesh"), ("double_step", "paper_step", "half_step")
 """Runs from coarse to fine."""
@@ -114,22 +115,28 @@ def _sum(parts: Mapping[str, Results]) -> Results:
 
 def _table(runs: Mapping[str, StoredRun], found: Mapping[str, Results], bars: Mapping[str, Results]) -> str:
     """Return the page with all runs and the error bars of the finest ones."""
-    head = ("run", "order", "unknowns", "step (ms)", "mean area (mm2)", "loss (%)", "SAWSS (Pa)",
+    head = ("run", "order", "unknowns", "scheme", "step (ms)", "mean area (mm2)", "loss (%)", "SAWSS (Pa)",
             "SAWSS, mean of 0.4 s (Pa)", "largest wall shear (Pa)")  # fmt: skip
     rows = []
     for key, run in runs.items():
         area = 1e6 / run.case.geometry.length
         shears = (f"{found[key][name]:.5f}" for name in ("sawss", "mean_sawss", "largest_wss"))
-        about = (str(run.case.discretisation.order), f"{run.manifest['unknowns']:,}", f"{1e3 * run.case.time.step:g}")
+        time = run.case.time
+        about = (
+            str(run.case.discretisation.order),
+            f"{run.manifest['unknowns']:,}",
+            time.scheme,
+            f"{1e3 * time.step:g}",
+        )
         rows.append((key.replace("_", " "), *about, f"{area * found[key]['volume']:.3f}",
                      f"{100 * found[key]['loss']:.3f}", *shears))  # fmt: skip
     for what, key in (("space", SPACE[-1]), ("time", TIME[-1])):
         fractions = [f"{100 * bars[what][name] / abs(found[key][name]):.2g} %" for name in found[key]]
-        rows.append((f"error bar of {key.replace('_', ' ')}, {what}", "", "", "", *fractions))
+        rows.append((f"error bar of {key.replace('_', ' ')}, {what}", "", "", "", "", *fractions))
     return (
         "# Numerical error of the calf\n\n"
         "M tissue with K 28.45 kPa at the end of the ramp of 25 mmHg in 1 s, computed with\n"
-        "`python -m ngfsi_studies.tissue_accuracy FOLDER`. Meshes and steps are those of `compare_tissues`,\n"
+        "`python -m ngfsi_studies.tissue_accuracy FOLDER`. Meshes, schemes and steps are those of `compare_tissues`,\n"
         "refined one at a time; `order more` is the mesh of `demo` with elements of one order more. Error bars are\n"
         f"Richardson's: of the finest mesh with order {ORDER_IN_SPACE:g} in the size of its elements, of the shortest\n"
         f"step with the order seen in the three shortest, between {SLOWEST:g} and {FASTEST:g}. The errors of the\n"

@@ -239,7 +239,7 @@ def stored_row(key: str, finding: Finding) -> Row:
 
 
 def numerical_errors(level: str, path: Path = ACCURACY) -> Mapping[str, float]:
-    """Return the errors measured for a level, e.g. `volume_percent`; empty when there are none."""
+    """Return the errors measured for a level, e.g. `loss_percent`; empty when there are none."""
     if not path.exists():
         return {}
     found: Mapping[str, float] = tomllib.loads(path.read_text(encoding="utf-8")).get(level, {})

@@ -115,7 +115,7 @@ def _claims(row: Row, name: str, claimed: Mapping[str, Any], errors: Mapping[str
     lost, wall = 100 * row["loss_1"], from_si(row["p_wall_mean_Pa"], "kPa")
     return [
         (f"{name}: volume reduction, %", f"{loss:g}", f"{lost:.1f}", f"{lost - loss:+.1f}",
-         _error("volume", errors), "1"),
+         _error("loss", errors), "1"),
         (f"{name}: rise of SAWSS, %", f"{rise:g}", f"{row['rise_percent']:.0f}", f"{row['rise_percent'] - rise:+.0f}",
          _error("sawss", errors), "2"),
         (f"{name}: the same, mean of the last {SWING:g} s", f"{rise:g}", f"{row['rise_mean_percent']:.0f}",
@@ -151,7 +151,7 @@ def pattern_table(rows: Sequence[Row]) -> str:
 
 def _error(kind: str, errors: Mapping[str, float]) -> str:
     found = errors.get(f"{kind}_percent")
-    names = {"volume": "of the volume", "sawss": "of SAWSS", "mean_sawss": "of SAWSS"}
+    names = {"loss": "of the loss", "sawss": "of SAWSS", "mean_sawss": "of SAWSS"}
     return f"{found:.2g} % {names[kind]}" if found is not None else "not measured"
 
 
