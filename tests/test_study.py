@@ -258,7 +258,9 @@ def test_oscillations_are_averaged_and_timed() -> None:
     peaks = np.array([20, 45, 70, 95, 130])
     tents = -np.abs(np.arange(201)[:, None] - peaks).min(axis=1)
     assert tissue_findings._period(times, tents) == pytest.approx(27.5 * 0.005, rel=1e-9)
-    assert tissue_findings._period(times[::5], swing[::5]) is None  # five steps a period
+    assert tissue_findings._period(times[::5], swing[::5]) is None  # five steps a period, which do if each has stages
+    assert tissue_findings._period(times[::5], swing[::5], stages=5) == pytest.approx(0.125, rel=1e-9)
+    assert tissue_findings._period(times[::12], swing[::12], stages=5) is None
     assert tissue_findings._period(times, times) is None
 
 

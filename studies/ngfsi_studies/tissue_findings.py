@@ -17,6 +17,7 @@ from ngfsi.analysis.tube_law import fit
 from ngfsi.errors import SolverError
 from ngfsi.store.stored import StoredRun
 from ngfsi.study import Outcome
+from ngfsi.system import schemes
 from ngfsi.units import SAME_TIME, from_si
 
 Array = NDArray[np.float64]
@@ -104,7 +105,7 @@ def find(title: str, outcome: Outcome) -> Finding | None:
         start_sawss=float(run.series["sawss_Pa"][0]),
         inflation=float(first / unloaded - 1),
         mean_rise=100 * (mean_sawss(run, float(times[row])) / float(run.series["sawss_Pa"][0]) - 1),
-        period=_period(times[: row + 1], run.series["flow_out_m3_s"][: row + 1]),
+        period=_period(times[: row + 1], run.series["flow_out_m3_s"][: row + 1], _stages(run)),
         ramp_end=_moment(run, row),
         end=_moment(run, len(times) - 1),
         failure=outcome.failure,
@@ -123,13 +124,20 @@ def mean_sawss(run: StoredRun, end: float) -> float:
     return float(np.average(np.interp(times, run.series["time_s"], run.series["sawss_Pa"]), weights=weights))
 
 
-def _period(times: Array, flows: Array) -> float | None:
-    """Return the mean distance of the flow's maxima, if there are four or more, each many steps from the next."""
+def _period(times: Array, flows: Array, stages: int = 1) -> float | None:
+    """Return the mean distance of the flow's maxima, if there are four or more, each eight stages and three steps from
+    the next."""
     inside = flows[1:-1]
     maxima = times[1:-1][(inside > flows[:-2]) & (inside >= flows[2:])]
-    if len(maxima) < 4 or np.min(np.diff(maxima)) < 8 * np.min(np.diff(times)):
+    if len(maxima) < 4 or np.min(np.diff(maxima)) < (max(8 / stages, 3) - SAME_TIME) * np.min(np.diff(times)):
         return None
     return float(np.mean(np.diff(maxima)))
+
+
+def _stages(run: StoredRun) -> int:
+    """Return how often a step of a run is solved."""
+    tableaus = schemes.STAGES.get(run.case.time.scheme)
+    return len(tableaus[0].rows) - tableaus[0].explicit if tableaus else 1
 
 
 def _moment(run: StoredRun, row: int) -> Moment:
