@@ -247,15 +247,20 @@ class Pressed:
         Raises:
             CaseError, MaterialError, SolverError: there is none.
         """
-        self.runs += 1
         with ng.TaskManager():
-            run = StoredStates(self.case(pressures), self.domain, silent, [*self.aims, *self.sizes], self._folder)
-            if self._without_loads is None:
-                run.system.values[:] = 0.0
-                self._without_loads = np.array([run.measured[name].value() for name in self.sizes])
+            run, without_loads = self._computed(pressures)
             run.show(len(run.moments) - 1)
             aims, sizes = ([run.measured[name].value() for name in names] for names in (self.aims, self.sizes))
-        return Equilibrium(run, np.array(aims), 1 - np.array(sizes) / self._without_loads)
+        return Equilibrium(run, np.array(aims), 1 - np.array(sizes) / without_loads)
+
+    def _computed(self, pressures: Array) -> tuple[StoredStates, Array]:
+        """Return a run under pressures, and the volume and areas without any load."""
+        self.runs += 1
+        run = StoredStates(self.case(pressures), self.domain, silent, [*self.aims, *self.sizes], self._folder)
+        if self._without_loads is None:
+            run.system.values[:] = 0.0
+            self._without_loads = np.array([run.measured[name].value() for name in self.sizes])
+        return run, self._without_loads
 
     def slopes(self, at: Equilibrium, least: float) -> tuple[Array, Array]:
         """Return the derivatives (aims, cuffs) and (losses, cuffs) by the pressures, nan where they do not count: of

@@ -24,7 +24,6 @@ from ngfsi.gradient.adjoint import Adjoint, StoredStates
 from ngfsi.gradient.design import Equilibrium, Layout, Pressed
 from ngfsi.gradient.window import Window
 from ngfsi.mesh.domain import Domain
-from ngfsi.solve.initial import silent
 from ngfsi.units import SAME_TIME
 
 
@@ -135,18 +134,15 @@ class Cycled(Pressed):
         Raises:
             CaseError, MaterialError, SolverError: there is none.
         """
-        self.runs += 1
         with ng.TaskManager():
-            run = StoredStates(self.case(pressures), self.domain, silent, [*self.aims, *self.sizes], self._folder)
-            run.system.values[:] = 0.0
-            self._without_loads = np.array([run.measured[name].value() for name in self.sizes])
+            run, without_loads = self._computed(pressures)
             values, times = run.values(), run.times
         window = Window(self._kind, times[-1] - self.layout.times[-1], times[-1])
         means = [run.measured[name].made(window, times, values[name]) for name in self.aims]
         weights = {name: slopes for name, (_, slopes) in zip(self.aims, means, strict=True)}
         weights |= {name: np.eye(len(times))[np.argmin(values[name])] for name in self.sizes}
         sizes = np.array([values[name].min() for name in self.sizes])
-        return Run(run, np.array([mean for mean, _ in means]), 1 - sizes / self._without_loads, weights)
+        return Run(run, np.array([mean for mean, _ in means]), 1 - sizes / without_loads, weights)
 
     def _by_pressure(self, at: Equilibrium, names: list[str]) -> Array:
         assert isinstance(at, Run)
