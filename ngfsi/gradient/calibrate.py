@@ -170,7 +170,8 @@ def report(found: Calibration) -> str:
         ]))  # fmt: skip
     text.append("## Data\n")
     text.append(
-        "Measured, with standard errors; dotted the case before, lines the calibrated one, at the times of the data.\n"
+        "Dots: measured, with standard errors; crosses, dotted: the case before; dashes, lines: the calibrated one, at "
+        "the times of the data.\n"
     )
     text.append(f"![Data and model]({FIGURE})\n")
     return "\n".join(text)

@@ -148,8 +148,8 @@ def data_and_model(panels: Mapping[str, Mapping[str, Measurements]], path: Path)
         for number, (label, one) in enumerate(lines.items()):
             colour = COLOURS[number % len(COLOURS)]
             panel.errorbar(one.times, one.measured, one.errors, fmt="o", color=colour, markersize=3, label=label)
-            panel.plot(one.times, one.before, ":", color=colour, linewidth=1)
-            panel.plot(one.times, one.after, "-", color=colour, linewidth=1)
+            panel.plot(one.times, one.before, "x:", color=colour, linewidth=1, markersize=4)
+            panel.plot(one.times, one.after, "_-", color=colour, linewidth=1, markersize=8)
         panel.set_ylabel(title)
         panel.set_xlabel("time [s]")
         if any(lines):
