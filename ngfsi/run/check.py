@@ -15,10 +15,10 @@ from rich.table import Column, Table
 from ngfsi.arrays import Array
 from ngfsi.case import Case
 from ngfsi.case.plausible import implausible
-from ngfsi.linear.backends import choose_backend
 from ngfsi.mesh.centreline import find_centrelines
 from ngfsi.mesh.domain import Domain
 from ngfsi.report.mesh_picture import mesh_picture
+from ngfsi.run.computation import fitting_backend
 from ngfsi.store.disk import explained
 from ngfsi.store.export import of_domain, write
 from ngfsi.system.system import System
@@ -142,7 +142,7 @@ def _facts(case: Case, domain: Domain, system: System) -> dict[str, str]:
     lengths = np.linalg.norm(straight[ends[:, 0]] - straight[ends[:, 1]], axis=1)
     unknowns = system.unknowns
     solved = sum(int(np.count_nonzero(unknowns.free(name))) for name in unknowns.to_solve)
-    backend = choose_backend(case.solver.linear)
+    backend, _ = fitting_backend(system)
     iterates = backend in ("p_multigrid", "fieldsplit")
     (memory, grows), (step, slows) = COSTS["p_multigrid" if iterates else ""]
     ratio = solved / MEASURED

@@ -149,8 +149,10 @@ def fitting_backend(system: System) -> tuple[Name, str]:
         backend, why = fitting(
             backend, system.unknowns.size, system.case.discretisation.order, memory, tetrahedra=tetrahedra
         )
-    single = BACKENDS[backend].single if system.unknowns.size >= ROUNDED else None
-    return single or backend, why
+    single = BACKENDS[backend].single
+    if single is None or system.unknowns.size < ROUNDED:
+        return backend, why
+    return single, f"{why}; {single} while that converges" if why else ""
 
 
 class Computation:
